@@ -1,0 +1,48 @@
+"""The transfer function on the device: piecewise linear colour and extinction, exact between arbitrary knots.
+
+The n knots cut the scalars into n + 1 intervals, the outer two constant. Equal bins over the knots' range say which
+intervals reach into a bin; a bisection among those, mostly of length one, finds the interval. No resampling: a spike
+of any width is there.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from .precision import vec4_of
+
+
+@cache
+def make_transfer(real):
+    """The struct, ``interval(tf, s)`` -> index, and ``classify(tf, s)`` -> (r, g, b, extinction) at scalar ``s``."""
+    vec4 = vec4_of(real)
+
+    @wp.struct
+    class Transfer:
+        knot: wp.array(dtype=real)  # (n + 1,) where interval k begins; that of interval 0 is never compared
+        value: wp.array(dtype=vec4)  # (n + 1,) (r, g, b, extinction) at the knot
+        slope: wp.array(dtype=vec4)  # (n + 1,) its slope in the interval
+        bins: wp.array(dtype=wp.vec2i)  # first interval that reaches into the bin, and one past the last
+        low: real  # the bins' origin
+        scale: real  # bins per scalar
+
+    @wp.func
+    def interval(tf: Transfer, s: real):
+        last = real(tf.bins.shape[0] - 1)
+        span = tf.bins[wp.max(int(wp.clamp((s - tf.low) * tf.scale, real(0.0), last)), 0)]
+        k = span[0]
+        end = span[1]
+        while end - k > 1:
+            middle = (k + end) >> 1
+            if s >= tf.knot[middle]:
+                k = middle
+            else:
+                end = middle
+        return wp.max(k, 0)
+
+    @wp.func
+    def classify(tf: Transfer, s: real):
+        k = interval(tf, s)
+        return tf.value[k] + (s - tf.knot[k]) * tf.slope[k]
+
+    return Transfer, interval, classify

@@ -1,0 +1,1 @@
+"""Evidence: the studies that regenerate the papers' tables and charts, and the references they are judged by."""

@@ -1,0 +1,287 @@
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wvr.color import srgb_to_linear
+from wvr.image import Image
+
+FLOAT_SUFFIXES = [".exr", ".tif", ".tiff", ".npy"]
+
+
+def make_image(dtype=np.float32, background=None, height=5, width=7):
+    shape = (height, width)
+    rng = np.random.default_rng(2)
+    rgba = rng.random((*shape, 4))
+    rgba[..., :3] *= rgba[..., 3:]  # premultiplied
+    rgba[0, 0] = 0
+    return Image(rgba.astype(dtype), np.full(shape, 3, np.int32), stats={"seconds": 0.2149}, background=background)
+
+
+def uniform(rgba, background=None):
+    return Image(np.array([[rgba]], np.float64), np.zeros((1, 1), np.int32), background=background)
+
+
+def test_attributes():
+    bound = np.zeros((5, 7))
+    image = Image(np.zeros((5, 7, 4), np.float32), np.zeros((5, 7), np.int32), bound)
+    assert image.size == (7, 5)
+    assert image.error_bound is bound
+    assert image.stats == {}
+    assert image.background is None
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        ((np.zeros((5, 7, 3)), np.zeros((5, 7))), "rgba must be"),
+        ((np.zeros((5, 7, 4), np.uint8), np.zeros((5, 7))), "rgba must be"),
+        ((np.zeros((5, 7, 4)), np.zeros((7, 5))), "samples must have the shape"),
+        ((np.zeros((5, 7, 4)), np.zeros((5, 7)), np.zeros(3)), "error_bound must have the shape"),
+        ((np.zeros((5, 7, 4)), np.zeros((5, 7)), None, None, "whitish"), "background must be"),
+    ],
+)
+def test_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Image(*arguments)
+
+
+def test_composited_is_linear_over():
+    image = uniform([0.1, 0.2, 0.3, 0.6])
+    np.testing.assert_allclose(image.composited((1, 0.5, 0))[0, 0], [0.5, 0.4, 0.3], atol=1e-15)
+    grey = srgb_to_linear(128 / 255)
+    np.testing.assert_allclose(image.composited("#808080")[0, 0], np.array([0.1, 0.2, 0.3]) + 0.4 * grey, atol=1e-15)
+    assert make_image().composited("white").dtype == np.float64
+
+
+def test_uint8_with_background():
+    # Black of opacity 1/2 over linear white is linear 1/2, which sRGB encodes as 187.5: not 128.
+    np.testing.assert_array_equal(uniform([0, 0, 0, 0.5]).to_uint8("white"), [[[188, 188, 188]]])
+    assert make_image().to_uint8("white").shape == (5, 7, 3)
+
+
+def test_uint8_without_background_is_straight():
+    # Half-covering linear (1, 0.5, 0): colour by itself, alpha linear.
+    np.testing.assert_array_equal(uniform([0.5, 0.25, 0, 0.5]).to_uint8(), [[[255, 188, 0, 128]]])
+    np.testing.assert_array_equal(uniform([0, 0, 0, 0]).to_uint8(), [[[0, 0, 0, 0]]])
+
+
+def test_uint8_rounds_to_nearest_and_clips():
+    codes = np.arange(256)
+    for offset in (-0.49, 0.0, 0.49):
+        linear = srgb_to_linear(np.clip(codes + offset, 0, 255) / 255)
+        rgba = np.stack([linear, linear, linear, np.ones(256)], axis=-1)[None]
+        image = Image(rgba, np.zeros((1, 256), np.int32))
+        np.testing.assert_array_equal(image.to_uint8("black")[0, :, 0], codes)
+    np.testing.assert_array_equal(uniform([1.7, 0.0, -1e-9, 1.0]).to_uint8("black"), [[[255, 0, 0]]])
+
+
+def test_own_background_and_transparent():
+    image = make_image(background="orange")
+    np.testing.assert_array_equal(image.to_uint8(), make_image().to_uint8("orange"))
+    np.testing.assert_array_equal(image.to_uint8("white"), make_image().to_uint8("white"))
+    np.testing.assert_array_equal(image.to_uint8("transparent"), make_image().to_uint8())
+    assert image.rgba[0, 0, 3] == 0
+
+
+@pytest.mark.parametrize("background", [None, "white", (0.2, 0.4, 3.0)])
+def test_png(tmp_path, background):
+    from PIL import Image as PillowImage
+
+    image = make_image()
+    image.save(tmp_path / "a.PNG", background=background)
+    with PillowImage.open(tmp_path / "a.PNG") as png:
+        assert png.info["Software"] == "wvr"
+        np.testing.assert_array_equal(np.asarray(png), image.to_uint8(background))
+    assert os.listdir(tmp_path) == ["a.PNG"]
+
+
+def test_png_with_own_background(tmp_path):
+    from PIL import Image as PillowImage
+
+    make_image(background="white").save(str(tmp_path / "a.png"))
+    with PillowImage.open(tmp_path / "a.png") as png:
+        assert png.mode == "RGB"
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_npy(tmp_path, dtype):
+    image = make_image(dtype, background="white")
+    image.save(tmp_path / "a.npy")
+    loaded = np.load(tmp_path / "a.npy")
+    assert loaded.dtype == dtype
+    np.testing.assert_array_equal(loaded, image.rgba)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("suffix", [".tif", ".tiff"])
+def test_tiff(tmp_path, dtype, suffix):
+    import tifffile
+
+    image = make_image(dtype, background="white")
+    image.save(tmp_path / f"a{suffix}")
+    with tifffile.TiffFile(tmp_path / f"a{suffix}") as tiff:
+        page = tiff.pages[0]
+        assert page.photometric == tifffile.PHOTOMETRIC.RGB
+        assert page.extrasamples == (tifffile.EXTRASAMPLE.ASSOCALPHA,)
+        loaded = page.asarray()
+    assert loaded.dtype == dtype
+    np.testing.assert_array_equal(loaded, image.rgba)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_exr(tmp_path, dtype):
+    import OpenEXR
+
+    image = make_image(dtype, background="white")
+    image.save(tmp_path / "a.exr")
+    with OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True) as exr:
+        channels = exr.channels()
+        assert set(channels) == set("RGBA")
+        loaded = np.stack([channels[c].pixels for c in "RGBA"], axis=-1)
+    assert loaded.dtype == np.float32
+    np.testing.assert_array_equal(loaded, image.rgba.astype(np.float32))
+
+
+def test_exr_of_a_view(tmp_path):
+    import OpenEXR
+
+    rgba = make_image(np.float64).rgba[::-1, ::2]
+    Image(rgba, np.zeros(rgba.shape[:2], np.int32)).save(tmp_path / "a.exr")
+    with OpenEXR.File(str(tmp_path / "a.exr")) as exr:
+        np.testing.assert_array_equal(exr.channels()["RGBA"].pixels, rgba.astype(np.float32))
+
+
+@pytest.mark.parametrize("suffix", FLOAT_SUFFIXES)
+def test_float_formats_refuse_a_background(tmp_path, suffix):
+    with pytest.raises(ValueError, match=f"background must be None for {suffix}"):
+        make_image().save(tmp_path / f"a{suffix}", background="white")
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a", "png", "a.png.bak"])
+def test_unknown_extension(tmp_path, name):
+    with pytest.raises(ValueError, match=r"path must end in \.png, \.exr, \.tif, \.tiff, \.npy, got"):
+        make_image().save(tmp_path / name)
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("suffix", [".png", *FLOAT_SUFFIXES])
+def test_missing_folder(tmp_path, suffix):
+    with pytest.raises(FileNotFoundError, match="path must be in a folder that exists"):
+        make_image().save(tmp_path / "missing" / f"a{suffix}")
+    assert os.listdir(tmp_path) == []
+
+
+def test_wrong_background_leaves_nothing(tmp_path):
+    with pytest.raises(ValueError, match="background must be"):
+        make_image().save(tmp_path / "a.png", background="whitish")
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.fixture
+def unwritable_folder():
+    """A folder with one file that this process may not write to, as root neither."""
+    root = os.geteuid() == 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for suffix in (".png", *FLOAT_SUFFIXES):
+            make_image().save(folder / f"warm-up{suffix}")  # nobody may not be able to import the encoders
+            (folder / f"warm-up{suffix}").unlink()
+        folder.chmod(0o555)
+        if root:
+            os.seteuid(65534)
+        try:
+            yield folder
+        finally:
+            if root:
+                os.seteuid(0)
+            folder.chmod(0o755)
+
+
+@pytest.mark.skipif(not hasattr(os, "seteuid"), reason="needs POSIX permissions")
+@pytest.mark.parametrize("suffix", [".png", *FLOAT_SUFFIXES])
+def test_unwritable_folder(unwritable_folder, suffix):
+    with pytest.raises(PermissionError):
+        make_image().save(unwritable_folder / f"a{suffix}")
+    assert os.listdir(unwritable_folder) == []
+
+
+@pytest.mark.parametrize("suffix", [".png", *FLOAT_SUFFIXES])
+def test_failing_encoder_keeps_the_old_file(tmp_path, monkeypatch, suffix):
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(b"old")
+
+    def disk_full(target, *args, **kwargs):
+        Path(target).write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("wvr.image._write_png", disk_full)
+    monkeypatch.setattr("wvr.image.FLOAT_WRITERS", dict.fromkeys(FLOAT_SUFFIXES, disk_full))
+    with pytest.raises(OSError, match="No space left"):
+        make_image().save(path)
+    assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == [path.name]
+
+
+def test_exr_failure_is_an_os_error(tmp_path, monkeypatch):
+    import OpenEXR
+
+    def fail(self, path):
+        raise RuntimeError("cannot write scanline")
+
+    monkeypatch.setattr(OpenEXR.File, "write", fail)
+    with pytest.raises(OSError, match="could not write the EXR file: cannot write scanline"):
+        make_image().save(tmp_path / "a.exr")
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("suffix", [".png", *FLOAT_SUFFIXES])
+def test_overwrites(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    make_image(height=2).save(path)
+    small = path.stat().st_size
+    make_image(height=50).save(path)
+    assert path.stat().st_size > small
+    assert os.listdir(tmp_path) == [path.name]
+
+
+def test_files_get_the_usual_permissions(tmp_path):
+    (tmp_path / "plain").touch()
+    make_image().save(tmp_path / "a.npy")
+    assert (tmp_path / "a.npy").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_target_that_is_a_folder(tmp_path):
+    (tmp_path / "a.png").mkdir()
+    with pytest.raises(OSError):
+        make_image().save(tmp_path / "a.png")
+    assert os.listdir(tmp_path) == ["a.png"]
+
+
+def test_notebook_shows_the_png():
+    from io import BytesIO
+
+    from PIL import Image as PillowImage
+
+    image = make_image(background="white")
+    with PillowImage.open(BytesIO(image._repr_png_())) as png:
+        np.testing.assert_array_equal(np.asarray(png), image.to_uint8())
+
+
+def test_as_array():
+    image = make_image()
+    assert np.asarray(image) is image.rgba or np.shares_memory(np.asarray(image), image.rgba)
+    assert not np.shares_memory(np.array(image), image.rgba)
+    assert np.asarray(image, np.float64).dtype == np.float64
+
+
+def test_repr():
+    assert repr(make_image()) == "Image(7 x 5, 105 samples, 0.215 s)"
+    image = Image(np.zeros((512, 512, 4), np.float32), np.full((512, 512), 47, np.int32), stats={"seconds": 0.21})
+    assert repr(image) == "Image(512 x 512, 12.3 M samples, 0.21 s)"
+    assert repr(Image(image.rgba, np.full((512, 512), 2**14, np.int32))) == "Image(512 x 512, 4.29 G samples)"

@@ -1,0 +1,31 @@
+"""wvr, the Warp Volume Renderer: direct volume rendering of regular grids, fast and accurate, on CPUs and CUDA GPUs."""
+
+from . import datasets
+from .camera import Camera
+from .image import Image
+from .integrators import Preintegrated, Riemann
+from .io import read, read_raw
+from .launch import get_num_threads, set_num_threads
+from .renderer import Renderer, render
+from .tables import Table, preintegrate
+from .transfer_function import TransferFunction
+from .volume import Volume
+
+__all__ = [
+    "Camera",
+    "Image",
+    "Preintegrated",
+    "Renderer",
+    "Riemann",
+    "Table",
+    "TransferFunction",
+    "Volume",
+    "datasets",
+    "get_num_threads",
+    "preintegrate",
+    "read",
+    "read_raw",
+    "render",
+    "set_num_threads",
+]
+__version__ = "0.1.0"

@@ -1,0 +1,198 @@
+"""The camera, with VTK's conventions: where rays start and which way they run.
+
+The view plane normal points from the target to the position, the view-up is made orthogonal to it, the view angle is
+vertical, and the aspect ratio (width / height) stretches the view horizontally. Rays run through pixel centres; row 0
+is the top of the image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from operator import index
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .validation import finite_vector, positive
+from .volume import Volume
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Camera:
+    """A perspective camera or, with ``parallel_scale``, an orthographic one.
+
+    Parameters
+    ----------
+    position
+        Where the camera is, world x, y, z. An orthographic camera only takes the direction of view and the centre of
+        the image from it: its rays start behind everything.
+    target
+        The point at the centre of the image (VTK's focal point), world x, y, z.
+    up
+        A direction that is upwards in the image; need not be perpendicular to the direction of view.
+    view_angle
+        Vertical angle of view [degrees], in (0, 180); 30 by default. Without effect on an orthographic image.
+    parallel_scale
+        Half the height of an orthographic view [world length], > 0; None, the default, is perspective.
+
+    Raises
+    ------
+    ValueError
+        For numbers that are not finite, a position at the target, an ``up`` that is zero or parallel to the direction
+        of view, a view angle outside (0, 180), or ``parallel_scale`` <= 0.
+    """
+
+    position: NDArray[np.float64]
+    target: NDArray[np.float64]
+    up: NDArray[np.float64]
+    view_angle: float
+    parallel_scale: float | None
+
+    def __init__(
+        self,
+        position: Sequence[float],
+        target: Sequence[float],
+        up: Sequence[float] = (0.0, 0.0, 1.0),
+        view_angle: float = 30.0,
+        parallel_scale: float | None = None,
+    ):
+        fields = {
+            "position": finite_vector(position, "position", "the camera's place"),
+            "target": finite_vector(target, "target", "the point at the image's centre"),
+            "up": finite_vector(up, "up", "the upward direction"),
+            "view_angle": _view_angle(view_angle),
+            "parallel_scale": None if parallel_scale is None else positive(parallel_scale, "parallel_scale"),
+        }
+        for name, value in fields.items():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+            object.__setattr__(self, name, value)
+        if np.array_equal(self.position, self.target):
+            raise ValueError(f"position must differ from target, got {tuple(self.position.tolist())} for both")
+        if not np.any(self.up):
+            raise ValueError(f"up must not be zero, got {up!r}")
+        if np.linalg.norm(np.cross(_unit(self.up), _unit(self.target - self.position))) < 1e-9:
+            raise ValueError(f"up must not be parallel to the direction of view, got {tuple(self.up.tolist())}")
+
+    @property
+    def parallel(self) -> bool:
+        """Whether the camera is orthographic."""
+        return self.parallel_scale is not None
+
+    def basis(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Orthonormal world directions (right, up, forward) of the image, each of shape (3,)."""
+        forward = _unit(self.target - self.position)
+        right = _unit(np.cross(forward, _unit(self.up)))
+        return right, np.cross(right, forward), forward
+
+    def rays(self, size: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The rays through the pixel centres of an image.
+
+        Parameters
+        ----------
+        size
+            (width, height) in pixels.
+
+        Returns
+        -------
+        origins, directions
+            World coordinates, float64, shape (height, width, 3), row 0 at the top. The directions are of unit length.
+            Rays of an orthographic camera are given from the plane through ``position`` across the direction of view,
+            though they are rendered from behind everything.
+        """
+        width, height = image_size(size)
+        right, up, forward = self.basis()
+        half_height = np.tan(np.radians(self.view_angle) / 2) if self.parallel_scale is None else self.parallel_scale
+        x = (2 * np.arange(width) + 1 - width) / height * half_height
+        y = (height - 1 - 2 * np.arange(height)) / height * half_height
+        across = x[None, :, None] * right + y[:, None, None] * up
+        if self.parallel:
+            return self.position + across, np.broadcast_to(forward, across.shape).copy()
+        directions = forward + across
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        return np.broadcast_to(self.position, across.shape).copy(), directions
+
+    @classmethod
+    def fit(
+        cls,
+        volume: Volume,
+        direction: Sequence[float] = (1.0, 0.6, 0.4),
+        up: Sequence[float] = (0.0, 0.0, 1.0),
+        parallel: bool = False,
+        view_angle: float = 30.0,
+        aspect: float = 1.0,
+    ) -> Camera:
+        """A camera that sees the whole volume, placed as VTK's ``ResetCamera`` does.
+
+        The sphere around the volume's box touches the upper and lower edge of the view or, where the image is narrower
+        than high, its left and right edge.
+
+        Parameters
+        ----------
+        volume
+            What to look at.
+        direction
+            World direction from the volume towards the camera, of any length.
+        up
+            Upward direction. One within 2.6 degrees of ``direction`` is replaced by (-up[2], up[0], up[1]), as in VTK.
+        parallel
+            Orthographic instead of perspective.
+        view_angle
+            Vertical angle of view [degrees], in (0, 180).
+        aspect
+            Width / height of the image. Only below 1 does it matter: such an image needs more distance.
+        """
+        towards = finite_vector(direction, "direction", "from the volume towards the camera")
+        if not np.any(towards):
+            raise ValueError(f"direction must not be zero, got {direction!r}")
+        towards = _unit(towards)
+        upward = finite_vector(up, "up", "the upward direction")
+        if not np.any(upward):
+            raise ValueError(f"up must not be zero, got {up!r}")
+        if abs(_unit(upward) @ towards) > 0.999:
+            up = (-upward[2], upward[0], upward[1])
+        narrowness = min(positive(aspect, "aspect"), 1.0)
+        center = volume.corners.mean(axis=0)
+        radius = float(np.linalg.norm(volume.corners - center, axis=1).max())
+        half_angle = np.arctan(np.tan(np.radians(_view_angle(view_angle)) / 2) * narrowness)
+        position = center + radius / np.sin(half_angle) * towards
+        return cls(position, center, up, view_angle, radius / narrowness if parallel else None)
+
+    @classmethod
+    def from_pyvista(cls, camera: Any) -> Camera:
+        """The camera of a PyVista ``Camera`` or ``Plotter``; its clipping range, shear and window centre are left."""
+        camera = getattr(camera, "camera", camera)
+        try:
+            scale = camera.parallel_scale if camera.parallel_projection else None
+            return cls(camera.position, camera.focal_point, camera.up, camera.view_angle, scale)
+        except AttributeError:
+            raise TypeError(f"camera must be a PyVista Camera or Plotter, got {type(camera).__name__}") from None
+
+    def __repr__(self) -> str:
+        position, target, up = (tuple(v.tolist()) for v in (self.position, self.target, self.up))
+        view = f"parallel_scale={self.parallel_scale}" if self.parallel else f"view_angle={self.view_angle}"
+        return f"Camera({position}, {target}, up={up}, {view})"
+
+
+def image_size(size: Any) -> tuple[int, int]:
+    """``size`` as (width, height), two integers >= 1."""
+    try:
+        width, height = (index(n) for n in size)
+    except (TypeError, ValueError):
+        raise ValueError(f"size must be two integers (width, height), got {size!r}") from None
+    if width < 1 or height < 1:
+        raise ValueError(f"size must be (width, height), each >= 1, got {size!r}")
+    return width, height
+
+
+def _view_angle(value: Any) -> float:
+    angle = positive(value, "view_angle")
+    if angle >= 180:
+        raise ValueError(f"view_angle must be between 0 and 180 degrees, got {value!r}")
+    return angle
+
+
+def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    return vector / np.linalg.norm(vector)

@@ -1,0 +1,61 @@
+"""Colours: the sRGB transfer curve of IEC 61966-2-1, both ways, and linear RGB from what users write."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+ACCEPTED = "a colour name, '#rrggbb', or three finite linear numbers >= 0"
+
+
+def srgb_to_linear(encoded: ArrayLike) -> NDArray[np.float64]:
+    """Linear values of sRGB-encoded ones, both with 0 as black and 1 as white; any shape, float64."""
+    encoded = np.asarray(encoded, np.float64)
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0.0) + 0.055) / 1.055) ** 2.4)
+
+
+def linear_to_srgb(linear: ArrayLike) -> NDArray[np.float64]:
+    """sRGB-encoded values of linear ones, both with 0 as black and 1 as white; any shape, float64."""
+    linear = np.asarray(linear, np.float64)
+    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * np.maximum(linear, 0.0) ** (1 / 2.4) - 0.055)
+
+
+def linear_rgb(color: str | Sequence[float], name: str = "color") -> NDArray[np.float64]:
+    """Linear RGB of a colour as users write it.
+
+    Parameters
+    ----------
+    color
+        A string that Matplotlib knows as an opaque colour, such as ``"orange"``, ``"tab:blue"`` or ``"#ff8000"``,
+        which is decoded from sRGB; or three linear numbers >= 0, taken as they are (above 1 is brighter than white).
+    name
+        The argument that errors name.
+
+    Returns
+    -------
+    float64, shape (3,)
+
+    Raises
+    ------
+    ValueError
+        For an unknown name, a colour with transparency, or numbers that are not three, finite and >= 0.
+    """
+    if isinstance(color, str):
+        from matplotlib.colors import to_rgba
+
+        try:
+            *encoded, alpha = to_rgba(color)
+        except ValueError:
+            raise ValueError(f"{name} must be {ACCEPTED}, got {color!r}") from None
+        if alpha != 1:
+            raise ValueError(f"{name} must be opaque, got {color!r}")
+        return srgb_to_linear(encoded)
+    try:
+        linear = np.array(color, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be {ACCEPTED}, got {color!r}") from None
+    if linear.shape != (3,) or not np.all(np.isfinite(linear) & (linear >= 0)):
+        raise ValueError(f"{name} must be {ACCEPTED}, got {color!r}")
+    return linear

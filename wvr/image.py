@@ -1,0 +1,209 @@
+"""A rendered image: linear premultiplied RGBA, what each ray cost and how wrong it may be; display and files."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .color import linear_rgb, linear_to_srgb
+
+
+class Image:
+    """What a render returns. ``numpy.asarray(image)`` is its ``rgba``; notebooks show it.
+
+    Parameters
+    ----------
+    rgba
+        Linear RGBA, premultiplied, without background: float32 or float64, shape (height, width, 4), row 0 at the top.
+    samples
+        Field evaluations (or segments) of each ray: int32, shape (height, width).
+    error_bound
+        Bound on the absolute error of any channel, shape (height, width); None where the method gives none.
+    stats
+        Seconds by stage, counts and sizes; empty by default.
+    background
+        What display and PNG files put behind the volume: a colour name, ``"#rrggbb"`` or three linear numbers; None,
+        the default, leaves them transparent. ``rgba`` never has it.
+    """
+
+    def __init__(
+        self,
+        rgba: NDArray[np.floating],
+        samples: NDArray[np.int32],
+        error_bound: NDArray[np.floating] | None = None,
+        stats: dict[str, Any] | None = None,
+        background: str | Sequence[float] | None = None,
+    ):
+        if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.dtype not in (np.float32, np.float64):
+            raise ValueError(f"rgba must be float32 or float64 (height, width, 4), got {rgba.dtype} {rgba.shape}")
+        for name, array in (("samples", samples), ("error_bound", error_bound)):
+            if array is not None and array.shape != rgba.shape[:2]:
+                raise ValueError(f"{name} must have the shape {rgba.shape[:2]} of rgba, got {array.shape}")
+        if background is not None:
+            linear_rgb(background, "background")
+        self.rgba = rgba
+        self.samples = samples
+        self.error_bound = error_bound
+        self.stats = {} if stats is None else stats
+        self.background = background
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+        height, width = self.rgba.shape[:2]
+        return width, height
+
+    def composited(self, background: str | Sequence[float]) -> NDArray[np.float64]:
+        """Linear RGB in front of a background.
+
+        Parameters
+        ----------
+        background
+            A colour name or ``"#rrggbb"``, decoded from sRGB, or three linear numbers >= 0.
+
+        Returns
+        -------
+        float64, shape (height, width, 3)
+        """
+        transparency = 1.0 - self.rgba[..., 3:].astype(np.float64)
+        return self.rgba[..., :3] + transparency * linear_rgb(background, "background")
+
+    def to_uint8(self, background: str | Sequence[float] | None = None) -> NDArray[np.uint8]:
+        """The image as screens and PNG files want it: sRGB-encoded, 0 to 255, rounded to nearest, clipped to [0, 1].
+
+        Parameters
+        ----------
+        background
+            As for :meth:`composited`. None, the default, is the image's own ``background``; ``"transparent"`` is none.
+
+        Returns
+        -------
+        uint8
+            Shape (height, width, 3) in front of a background; without one (height, width, 4), whose colour is not
+            premultiplied and whose alpha is linear.
+        """
+        background = self.background if background is None else background
+        if background is not None and background != "transparent":
+            return _quantised(linear_to_srgb(self.composited(background)))
+        color, alpha = self.rgba[..., :3].astype(np.float64), self.rgba[..., 3:].astype(np.float64)
+        straight = np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0)
+        return _quantised(np.concatenate([linear_to_srgb(straight), alpha], axis=-1))
+
+    def save(self, path: str | os.PathLike[str], background: str | Sequence[float] | None = None) -> None:
+        """Write the image; the file appears whole or not at all.
+
+        Parameters
+        ----------
+        path
+            The extension says what is written: ``.png`` sRGB, 8 bits; the others the linear premultiplied floats:
+            ``.exr`` float32 R, G, B, A; ``.tif``, ``.tiff`` and ``.npy`` in the precision of ``rgba``.
+        background
+            For PNG only, as for :meth:`to_uint8`.
+
+        Raises
+        ------
+        ValueError
+            For another extension, or a background with a format that keeps the floats.
+        OSError
+            Where the file cannot be written; ``FileNotFoundError`` where its folder does not exist.
+        """
+        path = Path(path)
+        suffix = path.suffix.lower()
+        if suffix != ".png" and suffix not in FLOAT_WRITERS:
+            raise ValueError(f"path must end in .png, {', '.join(FLOAT_WRITERS)}, got {str(path)!r}")
+        if suffix == ".png":
+            pixels = self.to_uint8(background)
+            with whole_file(path) as temporary:
+                _write_png(temporary, pixels)
+        elif background is not None:
+            raise ValueError(
+                f"background must be None for {suffix}, which keeps linear RGBA, got {background!r}; "
+                f"save image.composited(background) yourself, or a .png"
+            )
+        else:
+            with whole_file(path) as temporary:
+                FLOAT_WRITERS[suffix](temporary, self.rgba)
+
+    def _repr_png_(self) -> bytes:
+        png = BytesIO()
+        _write_png(png, self.to_uint8())
+        return png.getvalue()
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray:
+        return np.array(self.rgba, dtype=dtype, copy=copy)
+
+    def __repr__(self) -> str:
+        width, height = self.size
+        parts = [f"{width} x {height}", f"{_counted(int(self.samples.sum(dtype=np.int64)))} samples"]
+        if "seconds" in self.stats:
+            parts.append(f"{self.stats['seconds']:.3g} s")
+        return f"Image({', '.join(parts)})"
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A path in the folder of ``path`` to write to, which becomes ``path`` if the block ends well, else vanishes."""
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"path must be in a folder that exists, got {str(path)!r}")
+    temporary = path.with_name(f".{secrets.token_hex(6)}{path.suffix}")
+    # Opened here, an unwritable folder is the same OSError whatever the encoder would have made of it.
+    temporary.open("xb").close()
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _quantised(encoded: NDArray[np.float64]) -> NDArray[np.uint8]:
+    return np.rint(np.clip(encoded, 0.0, 1.0) * 255).astype(np.uint8)
+
+
+def _counted(count: int) -> str:
+    """Three digits and a thousands' prefix: 12345678 as ``12.3 M``."""
+    for unit, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if count >= unit:
+            return f"{count / unit:.3g} {prefix}"
+    return str(count)
+
+
+def _write_png(file: Path | IO[bytes], pixels: NDArray[np.uint8]) -> None:
+    from PIL import Image as PillowImage
+    from PIL.PngImagePlugin import PngInfo
+
+    info = PngInfo()
+    info.add_text("Software", "wvr")
+    PillowImage.fromarray(pixels).save(file, "PNG", pnginfo=info)
+
+
+def _write_exr(file: Path, rgba: NDArray[np.floating]) -> None:
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "software": "wvr"}
+    try:
+        with OpenEXR.File(header, {"RGBA": np.ascontiguousarray(rgba, np.float32)}) as exr:
+            exr.write(str(file))
+    except RuntimeError as error:
+        raise OSError(f"could not write the EXR file: {error}") from error
+
+
+def _write_tiff(file: Path, rgba: NDArray[np.floating]) -> None:
+    import tifffile
+
+    tifffile.imwrite(file, rgba, photometric="rgb", extrasamples=["assocalpha"], metadata=None, software="wvr")
+
+
+FLOAT_WRITERS: dict[str, Callable[[Path, NDArray[np.floating]], None]] = {
+    ".exr": _write_exr,
+    ".tif": _write_tiff,
+    ".tiff": _write_tiff,
+    ".npy": np.save,
+}

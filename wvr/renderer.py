@@ -1,0 +1,295 @@
+"""Rendering: what a scene is, what is kept between frames, and what depends on what."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from .camera import Camera, image_size
+from .color import linear_rgb
+from .image import Image
+from .integrators import Preintegrated, Riemann
+from .kernels.field import make_field
+from .kernels.precision import REALS, vec4_of
+from .kernels.ray import TILE, View, tiles
+from .kernels.raycast import Variant, make_raycast, make_scene
+from .launch import get_device, launch
+from .tables import nodes_array, table_array, table_struct, transfer_arrays
+from .transfer_function import TransferFunction
+from .validation import choice
+from .volume import Volume
+
+DEFAULT = Preintegrated(0.5)
+TERMINATION = 1 / 1024
+
+
+class Renderer:
+    """A volume and how to render it; keeps what can be kept between frames.
+
+    Assign ``volume``, ``transfer_function``, ``integrator`` and so on; what depends on them, and nothing else, is
+    rebuilt with the next frame. A new camera or size rebuilds nothing.
+
+    Parameters
+    ----------
+    volume, transfer_function
+        What to render.
+    integrator
+        ``Preintegrated(0.5)`` by default.
+    precision
+        ``"float32"``, ``"float64"`` or ``"auto"`` (float32): that of everything along a ray but the sums, which are
+        float64, and that of the image.
+    device
+        Warp device; by default CUDA where there is one, else the CPU.
+    termination
+        A ray ends when less than this transparency is left, in [0, 1); 1/1024 by default, 0 never.
+    background
+        What display and PNG files put behind the volume; ``rgba`` never has it.
+
+    Attributes
+    ----------
+    builds
+        How often each part was built: ``"volume"``, ``"transfer"``, ``"table"``.
+    """
+
+    def __init__(
+        self,
+        volume: Volume,
+        transfer_function: TransferFunction,
+        *,
+        integrator: Riemann | Preintegrated | None = None,
+        precision: str = "auto",
+        device: Any = None,
+        termination: float | None = None,
+        background: str | Sequence[float] | None = None,
+    ):
+        self.volume = volume
+        self.transfer_function = transfer_function
+        self.integrator = DEFAULT if integrator is None else integrator
+        self.precision = precision
+        self.device = device
+        self.termination = TERMINATION if termination is None else termination
+        self.background = background
+        self.builds: Counter[str] = Counter()
+        self._kept: dict[str, tuple[tuple, Any]] = {}
+
+    def render(self, camera: Camera, size: tuple[int, int] = (512, 512)) -> Image:
+        """Render one frame.
+
+        Parameters
+        ----------
+        camera
+            Where it is seen from.
+        size
+            (width, height) in pixels.
+        """
+        start = perf_counter()
+        self._check(camera)
+        width, height = image_size(size)
+        device = get_device(self.device)
+        precision = "float32" if self.precision == "auto" else self.precision
+        real = REALS[precision]
+        rule = "preintegrated" if isinstance(self.integrator, Preintegrated) else self.integrator.rule
+        step = self.integrator.segment if isinstance(self.integrator, Preintegrated) else self.integrator.step
+        variant = Variant(wp.dtype_from_numpy(self.volume.dtype), precision, rule, not self.volume.has_nonfinite)
+        _check_memory(self.volume, width, height, device)
+
+        scene = make_scene(variant)()
+        shift = self._shift()
+        scene.view = view(self.volume, camera, width, height)
+        scene.field = self._field(variant, shift, device)
+        scene.transfer = self._transfer(precision, shift, device)
+        if rule == "preintegrated":
+            scene.table = self._table(precision, shift, step, device)
+            scene.nodes = nodes_array(precision, device)
+        rgba = wp.empty((height, width), dtype=vec4_of(real), device=device)
+        samples = wp.empty((height, width), dtype=int, device=device)
+        wp.synchronize_device(device)
+        prepared = perf_counter()
+        inputs = [scene, step, 1.0 - self.termination, rgba, samples]
+        launch(make_raycast(variant), tiles(width, height) * int(TILE) ** 2, inputs, device, grain=int(TILE) ** 2)
+        wp.synchronize_device(device)
+        end = perf_counter()
+        count = samples.numpy()
+        stats = {
+            "seconds": end - start,
+            "seconds_prepare": prepared - start,
+            "seconds_raycast": end - prepared,
+            "rays": width * height,
+            "samples": int(count.sum(dtype=np.int64)),
+            "bytes": self.volume.numpy().nbytes + rgba.capacity + samples.capacity,
+            "device": device.name,
+            "precision": precision,
+            "integrator": repr(self.integrator),
+        }
+        return Image(rgba.numpy(), count, None, stats, self.background)
+
+    def _check(self, camera: Camera) -> None:
+        for name, value, accepted in (
+            ("volume", self.volume, Volume),
+            ("transfer_function", self.transfer_function, TransferFunction),
+            ("camera", camera, Camera),
+        ):
+            if not isinstance(value, accepted):
+                raise TypeError(f"{name} must be a {accepted.__name__}, got {type(value).__name__}")
+        if not isinstance(self.integrator, (Riemann, Preintegrated)):
+            raise TypeError(f"integrator must be a Riemann or Preintegrated, got {self.integrator!r}")
+        choice(self.precision, "precision", ("auto", *REALS))
+        if not 0 <= self.termination < 1:
+            raise ValueError(f"termination must be in [0, 1), got {self.termination!r}")
+        if self.background is not None:
+            linear_rgb(self.background, "background")
+
+    def _shift(self) -> float:
+        """The constant that floating-point samples are reduced by: the middle of the transfer function's knots."""
+        if self.volume.dtype.kind != "f":
+            return 0.0
+        knots = self.transfer_function.knots
+        # Rounded, so that it is the same number in every precision.
+        return float(np.float32(0.5 * (knots[0] + knots[-1])))
+
+    def _keep(self, part: str, key: tuple, build: Any) -> Any:
+        """``build()``, or what it made last for the same ``key``."""
+        if part not in self._kept or self._kept[part][0] != key:
+            self._kept[part] = (key, build())
+            self.builds[part] += 1
+        return self._kept[part][1]
+
+    def _field(self, variant: Variant, shift: float, device: wp.Device) -> Any:
+        data = self._keep("volume", (self.volume, device.alias), lambda: self.volume.on(device))
+        Field, _ = make_field(variant.dtype, REALS[variant.precision])
+        field = Field()
+        field.data = data
+        field.last = wp.vec3i(*(n - 2 for n in reversed(data.shape)))
+        field.shift = shift
+        return field
+
+    def _transfer(self, precision: str, shift: float, device: wp.Device) -> Any:
+        tf, unit = self.transfer_function, self.volume.smallest_spacing
+        key = (tf.key, unit, shift, precision, device.alias)
+        return self._keep("transfer", key, lambda: transfer_arrays(tf, unit, shift, precision, device))
+
+    def _table(self, precision: str, shift: float, step: float, device: wp.Device) -> Any:
+        assert isinstance(self.integrator, Preintegrated)
+        tf, unit = self.transfer_function, self.volume.smallest_spacing
+        n, domain = _table_shape(self.volume, self.integrator.table_size)
+        key = (tf.key, unit, step, n, domain, self.integrator.generator, precision, device.alias)
+        generator = self.integrator.generator
+        rgba = self._keep("table", key, lambda: table_array(tf, n, step, unit, domain, generator, precision, device))
+        return table_struct(rgba, domain, shift, precision)
+
+
+def render(
+    volume: Volume,
+    transfer_function: TransferFunction,
+    camera: Camera,
+    size: tuple[int, int] = (512, 512),
+    *,
+    integrator: Riemann | Preintegrated | None = None,
+    background: str | Sequence[float] | None = None,
+    precision: str = "auto",
+    device: Any = None,
+    termination: float | None = None,
+) -> Image:
+    """Render a volume.
+
+    Parameters
+    ----------
+    volume
+        The field.
+    transfer_function
+        Colour and extinction of a scalar.
+    camera
+        Where it is seen from.
+    size
+        (width, height) in pixels.
+    integrator
+        ``Preintegrated(0.5)`` by default, or ``Riemann(step)``.
+    background
+        What display and PNG files put behind the volume: a colour name, ``"#rrggbb"`` or three linear numbers.
+    precision
+        ``"auto"`` (float32), ``"float32"`` or ``"float64"``: that of everything along a ray but the sums, which are
+        always float64, and that of the image.
+    device
+        Warp device; by default CUDA where there is one, else the CPU.
+    termination
+        A ray ends when less than this transparency is left, in [0, 1); 1/1024 by default, 0 never.
+
+    Returns
+    -------
+    Image
+
+    Raises
+    ------
+    TypeError, ValueError
+        For arguments of another kind or value; each says which, what was given and what is accepted.
+    MemoryError
+        Where volume and image cannot fit the device's memory.
+    """
+    renderer = Renderer(
+        volume,
+        transfer_function,
+        integrator=integrator,
+        precision=precision,
+        device=device,
+        termination=termination,
+        background=background,
+    )
+    return renderer.render(camera, size)
+
+
+def view(volume: Volume, camera: Camera, width: int, height: int) -> Any:
+    """The struct of ``kernels.ray`` for a camera and image size, set up in float64."""
+    to_index = np.linalg.inv(volume.index_to_world)
+    right, up, forward = camera.basis()
+    half = np.tan(np.radians(camera.view_angle) / 2) if camera.parallel_scale is None else camera.parallel_scale
+    pixel = 2 * half / height
+    right, down = pixel * right, -pixel * up
+    corner = -0.5 * (width - 1) * right - 0.5 * (height - 1) * down
+    position = to_index[:3, :3] @ camera.position + to_index[:3, 3]
+    if camera.parallel:
+        right, down, corner = to_index[:3, :3] @ right, to_index[:3, :3] @ down, position + to_index[:3, :3] @ corner
+    else:
+        corner = corner + forward
+    low, high = volume.index_box
+    result = View()
+    result.width, result.height, result.perspective = width, height, not camera.parallel
+    result.origin, result.corner = wp.vec3d(*position), wp.vec3d(*corner)
+    result.right, result.down, result.forward = wp.vec3d(*right), wp.vec3d(*down), wp.vec3d(*forward)
+    result.to_index, result.unit = wp.mat33d(*to_index[:3, :3].ravel()), volume.smallest_spacing
+    result.low, result.high = wp.vec3d(*low), wp.vec3d(*high)
+    return result
+
+
+def _table_shape(volume: Volume, table_size: int | None) -> tuple[int, tuple[float, float]]:
+    """Entries and domain of a table: the volume's range, so that no segment reaches outside."""
+    lo, hi = volume.range
+    if lo == hi:
+        lo, hi = lo - 0.5, hi + 0.5
+    levels = int(hi - lo) + 1
+    if table_size is not None:
+        return int(table_size), (lo, hi)
+    return levels if volume.dtype.kind in "iu" and 2 <= levels <= 512 else 512, (lo, hi)
+
+
+def _check_memory(volume: Volume, width: int, height: int, device: wp.Device) -> None:
+    needed = volume.numpy().nbytes * (not device.is_cpu) + width * height * 64
+    free = device.free_memory if device.is_cuda else _free_host_memory()
+    if needed > free:
+        raise MemoryError(
+            f"volume and image need {needed / 2**30:.1f} GiB on {device.alias}, which has {free / 2**30:.1f} GiB free; "
+            f"take a smaller size than {width} x {height}, or a smaller volume"
+        )
+
+
+def _free_host_memory() -> float:
+    try:
+        import os
+
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return float("inf")

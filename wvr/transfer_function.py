@@ -1,0 +1,445 @@
+"""Transfer functions: what colour and how much extinction a scalar has, exact in float64.
+
+Extinction and colour are linear in the scalar between control points and constant outside them; two control points
+at one scalar are a jump. Opacity is that of a homogeneous slab of thickness ``unit_distance``, so that the extinction
+at a control point is ``tau_k = -log1p(-opacity_k) / unit_distance``. Note that opacity is therefore not linear
+between control points. Colours are linear RGB; names, hex strings and colour maps are decoded from sRGB once.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .color import linear_rgb, srgb_to_linear
+from .image import whole_file
+from .validation import positive
+
+if TYPE_CHECKING:
+    from matplotlib.colors import Colormap
+
+Floats = NDArray[np.float64]
+
+# Opacity 1 is an infinite extinction; the largest float32 below 1 stands for it.
+MAX_OPACITY = 1 - 2.0**-24
+
+FORMAT = "wvr transfer function"
+VERSION = 1
+MATERIALS = ("ambient", "diffuse", "specular")
+
+
+class TransferFunction:
+    """Colour and extinction of a scalar, piecewise linear. Immutable; equal when all that defines it is equal.
+
+    Parameters
+    ----------
+    points
+        Control points ``(scalar, colour, opacity)``, at least two, sorted by scalar. Two at one scalar are a jump:
+        the first holds below, the second at the scalar and above. A colour is a name that Matplotlib knows or a hex
+        string (both sRGB), or three linear RGB numbers >= 0, which may exceed 1. An opacity in [0, 1] is that of a
+        homogeneous slab of thickness ``unit_distance``.
+    unit_distance
+        Thickness that opacities refer to [world length], > 0; None (the default) is the smallest voxel spacing of
+        the volume it is used with.
+
+    Attributes
+    ----------
+    knots
+        Scalars of all control points, (n,) float64, sorted; a jump is two equal entries.
+    colors
+        Linear RGB at the control points, (n, 3) float64.
+    opacities
+        Opacity of ``unit_distance`` at the control points, (n,) float64.
+    ambient, diffuse, specular
+        Lighting coefficients at the control points, (n,) float64, or None.
+
+    Raises
+    ------
+    ValueError
+        For fewer than two, unsorted, NaN or infinite control points, three at one scalar, NaN or negative colours,
+        unknown colour names, opacities outside [0, 1], ``unit_distance`` <= 0 or NaN.
+
+    Examples
+    --------
+    >>> tf = TransferFunction([(0, (0, 0, 0), 0.0), (100, (1, 0.5, 0), 0.0), (200, (1, 1, 1), 0.5)])
+    >>> float(tf.extinction(200))  # log(2)
+    0.6931471805599453
+    """
+
+    knots: Floats
+    colors: Floats
+    opacities: Floats
+    unit_distance: float | None
+    ambient: Floats | None
+    diffuse: Floats | None
+    specular: Floats | None
+
+    def __init__(self, points: Iterable[tuple[float, Any, float]], unit_distance: float | None = None):
+        scalars, rgb, opacity = [], [], []
+        for i, point in enumerate(points):
+            if isinstance(point, str) or not isinstance(point, Iterable) or len(triple := tuple(point)) != 3:
+                raise ValueError(f"points[{i}] must be (scalar, colour, opacity), got {point!r}")
+            scalars.append(_number(triple[0], f"scalar of points[{i}]"))
+            rgb.append(linear_rgb(triple[1], f"colour of points[{i}]"))
+            opacity.append(_number(triple[2], f"opacity of points[{i}]"))
+        self._define(scalars, rgb, opacity, unit_distance)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        scalars: ArrayLike,
+        rgb: ArrayLike,
+        opacity: ArrayLike,
+        unit_distance: float | None = None,
+        ambient: ArrayLike | None = None,
+        diffuse: ArrayLike | None = None,
+        specular: ArrayLike | None = None,
+    ) -> TransferFunction:
+        """The transfer function of n control points given as arrays.
+
+        Parameters
+        ----------
+        scalars
+            (n,), sorted; two equal ones are a jump.
+        rgb
+            (n, 3) linear RGB, >= 0.
+        opacity
+            (n,) opacity of a homogeneous slab of thickness ``unit_distance``, in [0, 1].
+        unit_distance
+            [world length]; None is the smallest voxel spacing.
+        ambient, diffuse, specular
+            (n,) lighting coefficients >= 0 at the control points, or None where those of the lighting hold.
+        """
+        tf = cls.__new__(cls)
+        tf._define(scalars, rgb, opacity, unit_distance, ambient, diffuse, specular)
+        return tf
+
+    @classmethod
+    def from_colormap(
+        cls,
+        colormap: str | Colormap,
+        domain: tuple[float, float],
+        opacity: ArrayLike,
+        unit_distance: float | None = None,
+    ) -> TransferFunction:
+        """Colours of a colour map over a range of scalars, with opacities equally spaced over the same range.
+
+        Parameters
+        ----------
+        colormap
+            A Matplotlib colour map or the name of one. Its N entries (256 for most) become colours equally spaced over
+            ``domain``, decoded from sRGB; between them colour is linear.
+        domain
+            Scalars ``(lo, hi)`` of the first and last entry, lo < hi.
+        opacity
+            (m,) opacities, m >= 2, of control points equally spaced over ``domain``; between them extinction is
+            linear, undisturbed by the colours' control points. One number is constant.
+        unit_distance
+            Thickness that opacities refer to [world length]; None is the smallest voxel spacing.
+
+        Raises
+        ------
+        ValueError
+            For an unknown name, ``domain`` not finite with lo < hi, and as the class.
+        TypeError
+            Where ``colormap`` is neither a name nor a colour map.
+        """
+        entries = _entries(colormap)
+        lo, hi = check_domain(domain)
+        given = _finite(np.repeat(opacity, 2) if np.ndim(opacity) == 0 else opacity, "opacity", (-1,))
+        n, m = len(entries), len(given)
+        if m < 2:
+            raise ValueError(
+                f"opacity must be one number, or two or more equally spaced over the domain, got {m} in a list"
+            )
+        # Ticks count in units of 1 / ((n - 1) (m - 1)) of the domain, so that points which coincide are equal.
+        color_ticks, opacity_ticks = np.arange(n) * (m - 1), np.arange(m) * (n - 1)
+        ticks = np.union1d(color_ticks, opacity_ticks)
+        scalars = np.minimum(lo + (hi - lo) * (ticks / ticks[-1]), hi)
+        scalars[-1] = hi
+        rgb = np.stack([np.interp(ticks, color_ticks, channel) for channel in entries.T], axis=-1)
+        _check_opacity(given)
+        between = -np.expm1(-np.interp(ticks, opacity_ticks, _depth(given)))
+        between[np.searchsorted(ticks, opacity_ticks)] = given
+        return cls.from_arrays(scalars, rgb, between, unit_distance)
+
+    @classmethod
+    def isosurfaces(
+        cls,
+        values: ArrayLike,
+        colors: Iterable[Any] | None = None,
+        opacity: ArrayLike = 0.6,
+        width: float = 2.0,
+        unit_distance: float | None = None,
+    ) -> TransferFunction:
+        """A triangular spike of extinction at each value and nothing between: surfaces of finite thickness.
+
+        Parameters
+        ----------
+        values
+            Scalars of the surfaces, one or more, in any order.
+        colors
+            One colour a value, as for the class; by default from the colour map viridis.
+        opacity
+            Opacity at the peak of a spike, that of ``unit_distance``, in [0, 1]; one number or one a value.
+        width
+            Base width of a spike [scalar units], > 0; at most the smallest distance between two values.
+        unit_distance
+            [world length]; None is the smallest voxel spacing.
+
+        Raises
+        ------
+        ValueError
+            Where spikes overlap (the message has the largest width that does not), and as the class.
+        """
+        peaks = _finite(np.atleast_1d(values), "values", (-1,))
+        n = len(peaks)
+        if n == 0:
+            raise ValueError("values must be one or more, got none")
+        width = positive(width, "width")
+        heights = _finite(np.full(n, opacity) if np.ndim(opacity) == 0 else opacity, "opacity", (n,))
+        order = np.argsort(peaks)
+        peaks, heights = peaks[order], heights[order]
+        rgb = _spread_colors(n) if colors is None else _color_list(colors, n)[order]
+        left, right = peaks - width / 2, peaks + width / 2
+        if n > 1:
+            distance = float(np.diff(peaks).min())
+            # Spikes that touch but for rounding touch.
+            if width - distance > 4 * np.spacing(np.abs(peaks).max()):
+                raise ValueError(f"width must be at most {distance!r}, or the spikes overlap, got {width!r}")
+            right[:-1] = np.minimum(right[:-1], left[1:])
+        zero = np.zeros(n)
+        return cls.from_arrays(
+            np.stack([left, peaks, right], axis=1).ravel(),
+            np.repeat(rgb, 3, axis=0),
+            np.stack([zero, heights, zero], axis=1).ravel(),
+            unit_distance,
+        )
+
+    @classmethod
+    def preset(cls, name: str, domain: tuple[float, float] | None = None) -> TransferFunction:
+        """A transfer function with a name; see :func:`wvr.presets.preset`."""
+        from .presets import preset
+
+        return preset(name, domain)
+
+    def _define(
+        self,
+        scalars: ArrayLike,
+        rgb: ArrayLike,
+        opacity: ArrayLike,
+        unit_distance: float | None,
+        *materials: ArrayLike | None,
+    ) -> None:
+        self.knots = knots = _finite(scalars, "scalars", (-1,))
+        n = len(knots)
+        if n < 2:
+            raise ValueError(f"scalars must have at least two control points, got {n}")
+        if np.any(falling := knots[1:] < knots[:-1]):
+            i = int(np.argmax(falling))
+            raise ValueError(f"scalars must be sorted, got {knots[i]:g} before {knots[i + 1]:g} at index {i}")
+        if np.any(triple := knots[2:] == knots[:-2]):
+            scalar = knots[int(np.argmax(triple))]
+            raise ValueError(
+                f"scalars must have at most two control points (a jump) at one scalar, got three at {scalar:g}"
+            )
+        if float(knots[-1]) - float(knots[0]) == np.inf:
+            raise ValueError(f"scalars must span a finite range, got {knots[0]:g} to {knots[-1]:g}")
+        self.colors = _finite(rgb, "rgb", (n, 3))
+        if np.any(self.colors < 0):
+            raise ValueError(f"rgb must be >= 0, got {self.colors.min():g}")
+        self.opacities = _finite(opacity, "opacity", (n,))
+        _check_opacity(self.opacities)
+        self.unit_distance = None if unit_distance is None else positive(unit_distance, "unit_distance")
+        self.ambient = self.diffuse = self.specular = None
+        for name, values in zip(MATERIALS, materials, strict=False):
+            if values is not None:
+                coefficients = _finite(values, name, (n,))
+                if np.any(coefficients < 0):
+                    raise ValueError(f"{name} must be >= 0, got {coefficients.min():g}")
+                setattr(self, name, coefficients)
+
+    def knot_extinctions(self, smallest_spacing: float = 1.0) -> Floats:
+        """Extinction [1/world length] at the control points, (n,).
+
+        Parameters
+        ----------
+        smallest_spacing
+            Smallest voxel spacing [world length], > 0, which opacities refer to where ``unit_distance`` is None.
+        """
+        unit = positive(smallest_spacing, "smallest_spacing") if self.unit_distance is None else self.unit_distance
+        return _depth(self.opacities) / unit
+
+    def extinction(self, s: ArrayLike, smallest_spacing: float = 1.0) -> Floats:
+        """Extinction [1/world length] at scalars ``s``, of the shape of ``s``; 0 where ``s`` is NaN."""
+        return self._interpolate(s, self.knot_extinctions(smallest_spacing))
+
+    def color(self, s: ArrayLike) -> Floats:
+        """Linear RGB at scalars ``s``, shape ``(*s.shape, 3)``; black where ``s`` is NaN."""
+        return self._interpolate(s, self.colors)
+
+    def _interpolate(self, s: ArrayLike, values: Floats) -> Floats:
+        """``values`` (n, ...) at the control points, linear between, constant outside, right value at a jump."""
+        s = np.asarray(s, np.float64)
+        inside = np.clip(s, self.knots[0], self.knots[-1])
+        i = np.clip(np.searchsorted(self.knots, s, side="right") - 1, 0, None)
+        j = np.minimum(i + 1, len(self.knots) - 1)
+        width = self.knots[j] - self.knots[i]
+        # A width of zero is the last knot, or left of a jump at the first one; there the left value holds.
+        t = np.divide(inside - self.knots[i], width, out=np.zeros_like(inside), where=width > 0)
+        axes = (..., *[None] * (values.ndim - 1))
+        between = values[i] + t[axes] * (values[j] - values[i])
+        return np.where(np.isnan(s)[axes], 0.0, between)
+
+    @cached_property
+    def key(self) -> bytes:
+        """Digest of all that defines the transfer function; caches compare by it."""
+        digest = hashlib.blake2b(digest_size=16)
+        for values in (self.unit_distance, self.knots, self.colors, self.opacities, *self._materials().values()):
+            content = b"" if values is None else np.asarray(values, np.float64).tobytes()
+            digest.update(len(content).to_bytes(8, "little") + content)
+        return digest.digest()
+
+    def __eq__(self, other: object) -> bool:
+        return self.key == other.key if isinstance(other, TransferFunction) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the transfer function as JSON, every float exact; the file appears whole or not at all.
+
+        Raises
+        ------
+        OSError
+            Where the file cannot be written.
+        """
+        lines = ",\n".join(f"    {json.dumps(point)}" for point in self._points())
+        text = (
+            f'{{\n  "format": {json.dumps(FORMAT)},\n  "version": {VERSION},\n'
+            f'  "unit_distance": {json.dumps(self.unit_distance)},\n  "points": [\n{lines}\n  ]\n}}\n'
+        )
+        with whole_file(Path(path)) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+    def _points(self) -> list[dict[str, Any]]:
+        columns = {"scalar": self.knots, "color": self.colors, "opacity": self.opacities, **self._materials()}
+        given = {name: values.tolist() for name, values in columns.items() if values is not None}
+        return [dict(zip(given, row, strict=True)) for row in zip(*given.values(), strict=True)]
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> TransferFunction:
+        """The transfer function that :meth:`save` wrote.
+
+        Raises
+        ------
+        OSError
+            Where the file cannot be read.
+        ValueError
+            Where it is no JSON, no transfer function, of a version not known, or holds a wrong control point.
+        """
+        try:
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
+        except (ValueError, RecursionError) as error:
+            raise ValueError(f"{path} is not a JSON file: {error}") from None
+        if not isinstance(content, dict) or content.get("format") != FORMAT:
+            raise ValueError(f'{path} is not a transfer function: it must be an object with "format": "{FORMAT}"')
+        if content.get("version") != VERSION:
+            raise ValueError(f"{path} has version {content.get('version')!r} of the format; this wvr reads {VERSION}")
+        try:
+            points, unit_distance = content["points"], content["unit_distance"]
+            given = [name for name in MATERIALS if any(name in point for point in points)]
+            column = {name: [point[name] for point in points] for name in ("scalar", "color", "opacity", *given)}
+            ambient, diffuse, specular = (column.get(name) for name in MATERIALS)
+            return cls.from_arrays(
+                column["scalar"], column["color"], column["opacity"], unit_distance, ambient, diffuse, specular
+            )
+        except KeyError as error:
+            raise ValueError(f"{path} lacks {error}") from None
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{path} holds no valid transfer function: {error}") from None
+
+    def __repr__(self) -> str:
+        return (
+            f"TransferFunction({len(self.knots)} control points on [{self.knots[0]:g}, {self.knots[-1]:g}], "
+            f"opacity up to {self.opacities.max():g}, unit_distance={self.unit_distance})"
+        )
+
+    def _materials(self) -> dict[str, Floats | None]:
+        return {name: getattr(self, name) for name in MATERIALS}
+
+
+def _check_opacity(opacity: Floats) -> None:
+    if np.any(wrong := (opacity < 0) | (opacity > 1)):
+        raise ValueError(f"opacity must be in [0, 1], got {float(opacity[wrong][0])!r}")
+
+
+def check_domain(domain: Any) -> tuple[float, float]:
+    """``domain`` as (lo, hi), finite and lo < hi."""
+    lo, hi = _finite(domain, "domain", (2,)).tolist()
+    if not lo < hi or hi - lo == np.inf:
+        raise ValueError(f"domain must be (lo, hi) with lo < hi, got ({lo!r}, {hi!r})")
+    return lo, hi
+
+
+def _entries(colormap: str | Colormap) -> Floats:
+    """Linear RGB of the entries of a colour map, (n, 3)."""
+    import matplotlib
+    from matplotlib.colors import Colormap
+
+    if isinstance(colormap, str):
+        if colormap not in matplotlib.colormaps:
+            raise ValueError(f"colormap must be one of matplotlib.colormaps, such as 'viridis', got {colormap!r}")
+        colormap = matplotlib.colormaps[colormap]
+    if not isinstance(colormap, Colormap):
+        raise TypeError(f"colormap must be a Matplotlib colour map or the name of one, got {colormap!r}")
+    return srgb_to_linear(colormap(np.arange(max(colormap.N, 2)))[:, :3])
+
+
+def _spread_colors(n: int) -> Floats:
+    """``n`` colours equally spaced in viridis, without its darkest."""
+    entries = _entries("viridis")
+    return entries[np.linspace(64, len(entries) - 1, n).astype(int)]
+
+
+def _color_list(colors: Iterable[Any], n: int) -> Floats:
+    if isinstance(colors, str) or len(listed := list(colors)) != n:
+        raise ValueError(f"colors must be a list of one colour a value ({n}), got {colors!r}")
+    return np.array([linear_rgb(color, f"colors[{i}]") for i, color in enumerate(listed)])
+
+
+def _depth(opacity: ArrayLike) -> Floats:
+    """Optical depth of a slab of this opacity."""
+    return -np.log1p(-np.minimum(opacity, MAX_OPACITY))
+
+
+def _number(value: Any, name: str) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be a number, got {value!r}") from None
+
+
+def _finite(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
+    """A read-only finite float64 copy of ``values`` of this shape (-1: any length)."""
+    try:
+        # Adding 0 turns -0 into 0, so that equal transfer functions have equal keys.
+        array = np.array(values, np.float64) + 0.0
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be numbers, got {values!r}") from None
+    expected = tuple(got if want == -1 else want for want, got in zip(shape, array.shape, strict=False))
+    if array.ndim != len(shape) or array.shape != expected:
+        wanted = str(shape).replace("-1", "n")
+        raise ValueError(f"{name} must have shape {wanted}, got {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name} must be finite, got {array[~np.isfinite(array)][0]}")
+    array.flags.writeable = False
+    return array
