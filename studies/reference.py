@@ -103,7 +103,7 @@ def _crossings(volume: Volume, o: Floats, d: Floats, from_origin: bool) -> Float
     inside = (o >= low) & (o <= high)
     parallel = d == 0
     near = np.where(parallel, np.where(inside, -np.inf, np.inf), near)
-    far = np.where(parallel, np.where(inside, np.inf, -np.inf), far)
+    far = np.where(parallel, np.inf, far)
     start = np.minimum(near, far).max(axis=1)
     end = np.maximum(near, far).min(axis=1)
     if from_origin:

@@ -289,6 +289,14 @@ def test_tiff_with_thin_axes(tmp_path, shape):
     np.testing.assert_array_equal(read(tmp_path / "a.tif").numpy(), array)
 
 
+def test_tiff_without_all_its_samples(tmp_path):
+    tiles = iter([np.ones((16, 16), np.uint8), None, np.ones((16, 16), np.uint8)])  # None: no bytes, read as zeros
+    options = {"tile": (16, 16), "compression": "zlib", "photometric": "minisblack"}
+    tifffile.imwrite(tmp_path / "a.tif", tiles, shape=(3, 16, 16), dtype="uint8", **options)
+    with pytest.raises(OSError, match="some of its samples are missing"):
+        read(tmp_path / "a.tif")
+
+
 def test_tiff_folder_in_natural_order(tmp_path):
     array = np.concatenate([FIELD, FIELD + 1000, FIELD + 2000])
     for k, page in enumerate(array):

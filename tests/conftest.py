@@ -1,0 +1,41 @@
+"""What all tests share: the devices there are, and small scenes."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+import wvr
+from wvr.launch import get_device
+
+
+def devices() -> list[str]:
+    get_device()
+    return [d.alias for d in wp.get_devices()]
+
+
+@pytest.fixture(params=devices())
+def device(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture
+def threads():
+    """Sets the number of threads, and puts it back."""
+    before = wvr.get_num_threads()
+    yield wvr.set_num_threads
+    wvr.set_num_threads(before)
+
+
+@pytest.fixture
+def smooth_tf() -> wvr.TransferFunction:
+    """Colour and extinction that vary together over 0..1, without kinks inside."""
+    return wvr.TransferFunction.from_arrays([0, 1], [[0.9, 0.1, 0.3], [0.1, 0.6, 1.0]], [0.1, 0.7])
+
+
+@pytest.fixture
+def blobs() -> wvr.Volume:
+    return wvr.datasets.load("blobs", 32)
+
+
+def max_error(image: wvr.Image, reference: np.ndarray) -> float:
+    return float(np.abs(image.rgba - reference).max())
