@@ -1,0 +1,185 @@
+"""VTK's processor ray caster, ``vtkFixedPointVolumeRayCastMapper``, in a process of its own.
+
+VTK draws the mapper's image with OpenGL, even off-screen. Where there is none (no EGL, OSMesa or X) VTK may end the
+process, so it runs in another one, which stays and measures its own frames.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from multiprocessing.connection import Connection
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import wvr
+
+from .harness import Time, timed
+from .scenes import Scene
+
+# Per grey level: VTK's opacity is linear between control points, wvr's extinction; close points make them one.
+POINTS = 16
+PATIENCE = 120.0  # seconds until a frame counts as hung
+
+
+class NotAvailable(Exception):
+    """VTK cannot render here; says why."""
+
+
+class _Plain(NamedTuple):
+    """A scene that can be sent to another process, which a volume with a Warp array cannot."""
+
+    samples: NDArray[np.uint8]
+    transfer_function: wvr.TransferFunction
+    camera: wvr.Camera
+    size: tuple[int, int]
+
+    @classmethod
+    def of(cls, scene: Scene) -> _Plain:
+        return cls(scene.volume.numpy(), scene.transfer_function, scene.camera, scene.size)
+
+
+class VtkCpu:
+    """A scene in VTK; used with ``with``.
+
+    Parameters
+    ----------
+    scene
+        With uint8 samples.
+    scale
+        What samples are multiplied by: 1 leaves uint8, 257 spreads them over uint16, for which VTK keeps finer tables
+        and does not round interpolated samples to grey levels.
+    threads
+        VTK's number of threads.
+    """
+
+    def __init__(self, scene: Scene, scale: int, threads: int):
+        context = multiprocessing.get_context("spawn")
+        self._connection, other = context.Pipe()
+        self._process = context.Process(target=_serve, args=(other, _Plain.of(scene), scale, threads), daemon=True)
+        self._process.start()
+        other.close()
+
+    def __enter__(self) -> VtkCpu:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._process.kill()
+        self._process.join()
+
+    def frame(self) -> Time:
+        """Renders a frame: the time it took there, read-back included."""
+        return self._ask("frame")
+
+    def image(self) -> NDArray[np.float64]:
+        """The last frame: premultiplied RGBA (height, width, 4), row 0 at the top."""
+        return self._ask("image")
+
+    def _ask(self, question: str) -> Any:
+        try:
+            self._connection.send(question)
+            if not self._connection.poll(PATIENCE):
+                raise NotAvailable(f"no frame within {PATIENCE:g} s")
+            answer = self._connection.recv()
+        except (EOFError, OSError):
+            self._process.join()
+            raise NotAvailable(
+                f"its process ended with exit code {self._process.exitcode} (off-screen OpenGL needs EGL or OSMesa)"
+            ) from None
+        if isinstance(answer, Exception):
+            raise NotAvailable(repr(answer))
+        return answer
+
+
+def _serve(connection: Connection, scene: _Plain, scale: int, threads: int) -> None:
+    """Answers questions until the parent ends it."""
+    try:
+        window = _window(scene, scale, threads)
+        pixels = _Pixels(window, scene.size)
+        frame = timed(pixels.render)
+        while True:
+            connection.send(frame() if connection.recv() == "frame" else pixels.rgba)
+    except Exception as error:  # whatever it is, the parent reports it
+        connection.send(error)
+
+
+class _Pixels:
+    """Renders a window and reads it back."""
+
+    def __init__(self, window: Any, size: tuple[int, int]):
+        self.window, self.size = window, size
+
+    def render(self) -> None:
+        from vtkmodules.util.numpy_support import vtk_to_numpy
+        from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
+
+        width, height = self.size
+        self.window.Render()
+        bytes_ = vtkUnsignedCharArray()
+        self.window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, bytes_)
+        self.rgba = vtk_to_numpy(bytes_).reshape(height, width, 4)[::-1] / 255
+
+
+def _window(scene: _Plain, scale: int, threads: int) -> Any:
+    """A render window with the scene: unshaded, sample distance 1, a transparent black background."""
+    import vtkmodules.vtkRenderingOpenGL2
+    import vtkmodules.vtkRenderingVolumeOpenGL2  # noqa: F401, the OpenGL parts register themselves
+    from vtkmodules.vtkRenderingCore import vtkColorTransferFunction, vtkRenderer, vtkRenderWindow, vtkVolume
+    from vtkmodules.vtkRenderingCore import vtkVolumeProperty
+    from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
+    from vtkmodules.vtkRenderingVolume import vtkFixedPointVolumeRayCastMapper
+
+    import pyvista as pv
+
+    grid = pv.ImageData(dimensions=scene.samples.shape[::-1])
+    grid.point_data["values"] = (scene.samples * np.min_scalar_type(255 * scale).type(scale)).ravel()
+
+    color, opacity = vtkColorTransferFunction(), vtkPiecewiseFunction()
+    scalars = np.linspace(0, 255, 255 * POINTS + 1)
+    tf = scene.transfer_function
+    for s, rgb, tau in zip(scalars, tf.color(scalars), tf.extinction(scalars), strict=True):
+        color.AddRGBPoint(scale * s, *rgb)
+        opacity.AddPoint(scale * s, -np.expm1(-tau))
+    prop = vtkVolumeProperty()
+    prop.SetColor(color)
+    prop.SetScalarOpacity(opacity)
+    prop.SetScalarOpacityUnitDistance(1.0)
+    prop.SetInterpolationTypeToLinear()
+    prop.ShadeOff()
+
+    mapper = vtkFixedPointVolumeRayCastMapper()
+    mapper.SetInputData(grid)
+    mapper.SetNumberOfThreads(threads)
+    # By default VTK takes coarser steps and fewer rays to reach a frame rate.
+    mapper.AutoAdjustSampleDistancesOff()
+    mapper.LockSampleDistanceToInputSpacingOff()
+    mapper.SetSampleDistance(1.0)
+    mapper.SetInteractiveSampleDistance(1.0)
+    mapper.SetImageSampleDistance(1.0)
+    volume = vtkVolume()
+    volume.SetMapper(mapper)
+    volume.SetProperty(prop)
+
+    renderer = vtkRenderer()
+    renderer.SetBackground(0, 0, 0)
+    renderer.SetBackgroundAlpha(0)
+    renderer.AddVolume(volume)
+    camera = renderer.GetActiveCamera()
+    camera.SetPosition(scene.camera.position)
+    camera.SetFocalPoint(scene.camera.target)
+    camera.SetViewUp(scene.camera.up)
+    camera.SetViewAngle(scene.camera.view_angle)
+    if scene.camera.parallel_scale is not None:
+        camera.ParallelProjectionOn()
+        camera.SetParallelScale(scene.camera.parallel_scale)
+    renderer.ResetCameraClippingRange()
+
+    window = vtkRenderWindow()
+    window.SetOffScreenRendering(True)
+    window.SetMultiSamples(0)
+    window.SetAlphaBitPlanes(True)
+    window.SetSize(scene.size)
+    window.AddRenderer(renderer)
+    return window
