@@ -83,7 +83,9 @@ def make_linear_segment(real):
         while k != end:
             # Upwards an interval ends where the next begins, downwards where it begins itself.
             knot = tf.knot[wp.where(step > 0, k + 1, k)]
-            segment = over(segment, interval(nodes, value(tf, k, s), value(tf, k, knot), length * (knot - s) / (back - front)))
+            segment = over(
+                segment, interval(nodes, value(tf, k, s), value(tf, k, knot), length * (knot - s) / (back - front))
+            )
             s = knot
             k += step
         share = length

@@ -49,7 +49,14 @@ def test_homogeneous_slab(device, integrator, precision, axis):
     tf = wvr.TransferFunction([(0, (0.2, 0.5, 1.0), 0.11), (9, (0.2, 0.5, 1.0), 0.11)], unit_distance=2.0)
     for sign in (1, -1):
         image = wvr.render(
-            volume, tf, along(axis, sign), (3, 3), integrator=integrator, precision=precision, device=device, termination=0
+            volume,
+            tf,
+            along(axis, sign),
+            (3, 3),
+            integrator=integrator,
+            precision=precision,
+            device=device,
+            termination=0,
         )
         length = (volume.dimensions[axis] - 1) * spacing[axis]
         A = 1 - (1 - 0.11) ** (length / 2.0)
@@ -61,7 +68,9 @@ def test_homogeneous_slab(device, integrator, precision, axis):
 def test_linear_ramp(device, precision, tolerance):
     """A scalar linear along the ray: pre-integration is exact for any step, also where colour varies."""
     volume = centered(np.linspace(0, 1, 9, dtype=np.float64)[:, None, None] * np.ones((1, 3, 3)))
-    tf = wvr.TransferFunction([(0, (1, 0, 0.2), 0.0), (0.3, (0, 1, 0.2), 0.9), (0.31, (0, 0, 1), 0.05), (1, (1, 1, 1), 0.6)])
+    tf = wvr.TransferFunction(
+        [(0, (1, 0, 0.2), 0.0), (0.3, (0, 1, 0.2), 0.9), (0.31, (0, 0, 1), 0.05), (1, (1, 1, 1), 0.6)]
+    )
     integrator = wvr.Preintegrated(0.8, table_size=1001)  # the segments' ends are table entries, but for the last
     for sign, ends in ((1, (0, 1)), (-1, (1, 0))):
         image = wvr.render(
@@ -165,7 +174,9 @@ def test_thin_volumes(device, integrator, shape):
     tf = wvr.TransferFunction([(0, (1, 1, 1), 0.3), (9, (1, 1, 1), 0.3)], unit_distance=1.0)
     for axis in range(3):
         length = max(volume.dimensions[axis] - 1, 1) * spacing[axis]
-        image = wvr.render(volume, tf, along(axis, scale=0.1), (2, 2), integrator=integrator, device=device, termination=0)
+        image = wvr.render(
+            volume, tf, along(axis, scale=0.1), (2, 2), integrator=integrator, device=device, termination=0
+        )
         np.testing.assert_allclose(image.rgba, 1 - 0.7**length, rtol=0, atol=2e-6)
 
 
@@ -211,7 +222,9 @@ def test_absent_data_render_as_nothing(device, integrator, bad):
     data[6, 6, 6] = bad
     volume = centered(data, nan="transparent")
     tf = wvr.TransferFunction([(0, (1, 1, 1), 0.1), (9, (1, 1, 1), 0.1)])
-    alpha = wvr.render(volume, tf, along(2, scale=6), (48, 48), integrator=integrator, device=device, termination=0).rgba[..., 3]
+    alpha = wvr.render(
+        volume, tf, along(2, scale=6), (48, 48), integrator=integrator, device=device, termination=0
+    ).rgba[..., 3]
     assert np.all(np.isfinite(alpha))
     full, hole = alpha.max(), alpha.min(initial=1, where=alpha > 0)
     assert full == pytest.approx(1 - 0.9**11, abs=1e-6)
@@ -269,7 +282,10 @@ def test_rotating_everything(seed, far):
     moved = wvr.Volume(data, spacing, rotation @ origin + shift, rotation)
     camera = wvr.Camera.fit(volume, direction=rng.normal(size=3), up=rng.normal(size=3))
     turned = wvr.Camera(rotation @ camera.position + shift, rotation @ camera.target + shift, rotation @ camera.up)
-    a, b = (wvr.render(*scene, (24, 24), integrator=wvr.Riemann(0.2)) for scene in ((volume, tf, camera), (moved, tf, turned)))
+    a, b = (
+        wvr.render(*scene, (24, 24), integrator=wvr.Riemann(0.2))
+        for scene in ((volume, tf, camera), (moved, tf, turned))
+    )
     # Rays that graze the box's edge may enter or miss it; elsewhere rounding of a world at 1e6 is 1e-10.
     assert max_error(a, b.rgba) < 1e-5
 
@@ -289,7 +305,9 @@ def test_dtypes(device, dtype, integrator):
     assert exact.rgba.dtype == np.float64 and max_error(exact, expected.rgba) < 1e-12
 
 
-@pytest.mark.parametrize(("offset", "dtype"), [(1e6, "float64"), (1e6, "float32"), (-3e9, "float64"), (2000, "float16")])
+@pytest.mark.parametrize(
+    ("offset", "dtype"), [(1e6, "float64"), (1e6, "float32"), (-3e9, "float64"), (2000, "float16")]
+)
 def test_data_far_from_zero_keep_their_range(device, offset, dtype):
     """Scalars such as 1e6 +- 1, rendered in float32 without losing them."""
     values = np.random.default_rng(8).integers(0, 33, (8, 8, 8)) / 16.0
@@ -319,6 +337,7 @@ def test_distant_camera(device):
     a, b = (wvr.render(volume, tf, c, (24, 24), integrator=integrator, device=device) for c in (near, distant))
     assert max_error(a, b.rgba) < 1e-4
     one, other = (
-        wvr.render(volume, tf, c, (24, 24), integrator=integrator, device=device, precision="float64") for c in (near, distant)
+        wvr.render(volume, tf, c, (24, 24), integrator=integrator, device=device, precision="float64")
+        for c in (near, distant)
     )
     assert max_error(one, other.rgba) < 1e-6

@@ -1,5 +1,7 @@
 """Pre-integration tables against adaptive quadrature, a mirror image, brute force, and closed forms."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,7 +18,7 @@ def quadrature(tf: wvr.TransferFunction, front: float, back: float, length: floa
     if len(cuts) == 1:
         A = -np.expm1(-float(tf.extinction(front)) * length)
         return np.append(A * tf.color(front), A)
-    pieces = list(zip(cuts[:-1], cuts[1:], strict=True))
+    pieces = list(pairwise(cuts))
     if front > back:
         pieces = [(b, a) for a, b in reversed(pieces)]
     color, depth = np.zeros(3), 0.0
@@ -57,7 +59,9 @@ RAMP = wvr.TransferFunction([(0, (1, 0, 0), 0.0), (255, (0, 1, 0.5), 0.9)])
 @pytest.mark.parametrize(
     ("precision", "tolerance"), [("float32", 2e-6), ("float64", 1e-12)], ids=["float32", "float64"]
 )
-@pytest.mark.parametrize("tf", [RAMP, SPIKE, random_tf(1), random_tf(2, jump=True)], ids=["ramp", "spike", "random", "jump"])
+@pytest.mark.parametrize(
+    "tf", [RAMP, SPIKE, random_tf(1), random_tf(2, jump=True)], ids=["ramp", "spike", "random", "jump"]
+)
 @pytest.mark.parametrize("length", [1e-3, 1.0, 300.0])
 def test_against_quadrature(device, generator, precision, tolerance, tf, length):
     rng = np.random.default_rng(3)
@@ -83,7 +87,9 @@ def test_sizes_against_quadrature(device, n):
 def test_incremental_equals_brute_force_everywhere(device, precision):
     for n in (2, 3, 4, 7, 64, 100):
         args = (random_tf(7, jump=True), n, 3.0, (-10, 300))
-        fast, slow = (wvr.preintegrate(*args, g, device=device, precision=precision).rgba for g in ("incremental", "brute"))
+        fast, slow = (
+            wvr.preintegrate(*args, g, device=device, precision=precision).rgba for g in ("incremental", "brute")
+        )
         np.testing.assert_allclose(fast, slow, rtol=0, atol=1e-6 if precision == "float32" else 1e-14)
 
 
@@ -109,7 +115,9 @@ def test_mirror_image(seed, n, depth):
 
 def test_self_attenuation_counts():
     """Colours inside a segment hide one another: red in front of blue is not blue in front of red."""
-    tf = wvr.TransferFunction([(0, (1, 0, 0), 0.99), (0.5, (1, 0, 0), 0.99), (0.5, (0, 0, 1), 0.99), (1, (0, 0, 1), 0.99)])
+    tf = wvr.TransferFunction(
+        [(0, (1, 0, 0), 0.99), (0.5, (1, 0, 0), 0.99), (0.5, (0, 0, 1), 0.99), (1, (0, 0, 1), 0.99)]
+    )
     table = wvr.preintegrate(tf, 3, 4.0)
     red_first, blue_first = table.rgba[0, 2], table.rgba[2, 0]
     T = np.exp(2 * np.log(0.01))

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import App, CycloptsError, Parameter
+from cyclopts.validators import Number
 
 from . import __version__
 
@@ -27,7 +28,8 @@ if TYPE_CHECKING:
 app = App(name="wvr", help="Direct volume rendering, fast and accurate.", version=__version__, help_format="plaintext")
 
 # "--direction -1,0,0" is a value that looks like an option.
-Vector = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
+Vector = Annotated[str, Parameter(allow_leading_hyphen=True)]
+Size = Annotated[int, Parameter(validator=Number(gte=2))]
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 AXES |= {f"-{name}": (-x, -y, -z) for name, (x, y, z) in AXES.items()}
@@ -65,22 +67,22 @@ def render(
     *,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     tf: str | None = None,
-    domain: Vector = None,
+    domain: Vector | None = None,
     integrator: str | None = None,
     size: str = "512x512",
-    direction: Vector = None,
+    direction: Vector | None = None,
     up: Vector = "z",
     view_angle: float = 30.0,
     parallel: Annotated[bool, Parameter(negative="")] = False,
-    camera: Vector = None,
+    camera: Vector | None = None,
     background: str | None = None,
     precision: Literal["auto", "float32", "float64"] = "auto",
     device: str | None = None,
     termination: float | None = None,
-    threads: int | None = None,
+    threads: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
     scalars: str | None = None,
     nan: Literal["error", "transparent"] = "error",
-    dataset_size: int | None = None,
+    dataset_size: Size | None = None,
 ) -> None:
     """Render a volume to an image file.
 
@@ -167,7 +169,7 @@ def info(
     histogram: Annotated[bool, Parameter(negative="")] = False,
     save_tf: tuple[str, Path] | None = None,
     scalars: str | None = None,
-    dataset_size: int | None = None,
+    dataset_size: Size | None = None,
 ) -> None:
     """Describe a volume and suggest transfer functions for it.
 
@@ -203,6 +205,8 @@ def info(
             raise ValueError(
                 f"--save-tf must name one of {', '.join(suggestions) or f'none ({problem})'}, got {name!r}"
             )
+        if path.suffix.lower() != ".json":
+            raise ValueError(f"--save-tf must name a .json file, got {str(path)!r}")
         suggestions[name].save(path)
     print(source)
     for name, fact in facts.items():
@@ -225,7 +229,7 @@ class _Stages(logging.Handler):
         from rich.console import Console
         from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-        columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+        columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
         self.progress = Progress(*columns, console=Console(stderr=True), transient=True)
         self.task = self.progress.add_task("")
         self.timer: Timer | None = None
@@ -306,7 +310,7 @@ def _size(text: str) -> tuple[int, int]:
     return size
 
 
-def _numbers(text: str, option: str, example: str) -> tuple[float, ...]:
+def _numbers(text: str, option: str, example: str) -> tuple[Any, ...]:
     """As many numbers as the example has."""
     try:
         numbers = tuple(float(part) for part in text.split(","))
@@ -344,7 +348,7 @@ def _literal(text: str) -> int | float | str:
 def _camera(
     volume: Volume,
     direction: str | None,
-    up: str | None,
+    up: str,
     view_angle: float,
     parallel: bool,
     camera: str | None,
@@ -385,7 +389,7 @@ def _transfer_function(text: str | None, domain: str | None, volume: Volume) -> 
     if text in PRESETS:
         hounsfield = PRESETS[text].range == HOUNSFIELD
         return TransferFunction.preset(text, span or (None if hounsfield else volume.range))
-    if text in matplotlib.colormaps:
+    if text is not None and text in matplotlib.colormaps:
         # The square leaves the noise of a dark background transparent; the unit makes it independent of resolution.
         lengths = np.linalg.norm(volume.index_to_world[:3, :3], axis=0) * volume.dimensions
         opacity = 0.9 * np.linspace(0, 1, 9) ** 2
@@ -395,7 +399,8 @@ def _transfer_function(text: str | None, domain: str | None, volume: Volume) -> 
     if text is not None and text.lower().endswith(".json"):
         return TransferFunction.load(text)
     if text is not None and ":" in text:
-        return TransferFunction(part.split(":") for part in text.split(","))
+        points: list[Any] = [part.split(":") for part in text.split(",")]
+        return TransferFunction(points)
     suggestions = suggest(volume)
     if text is None:
         return next(iter(suggestions.values()))

@@ -134,8 +134,8 @@ def fetch(name: str, cache: str | os.PathLike[str] | None = None) -> Volume:
     if not entry.verified:
         same = pooch.file_hash(path, "sha512") == entry.sha512
         warnings.warn(
-            f"the checksum of {name!r} is unverified: the published one, {entry.sha512[:16]}..., was never compared with "
-            f"a real download; this file's is {'the same' if same else 'another'}",
+            f"the checksum of {name!r} is unverified: the published one, {entry.sha512[:16]}..., was never compared "
+            f"with a real download; this file's is {'the same' if same else 'another'}",
             stacklevel=2,
         )
     return read_raw(path, entry.dimensions[::-1], entry.dtype, entry.spacing)

@@ -15,7 +15,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .launch import get_device
-from .validation import finite_vector
+from .validation import choice, finite_vector
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -65,15 +65,8 @@ class Volume:
         if np.any(self.spacing <= 0):
             raise ValueError(f"spacing must be > 0 along x, y and z, got {tuple(self.spacing.tolist())}")
         self.origin = finite_vector(origin, "origin", "the position of sample (0, 0, 0)")
-        self.direction = np.eye(3) if direction is None else np.array(direction, np.float64)
-        if self.direction.shape != (3, 3) or not np.all(np.isfinite(self.direction)):
-            raise ValueError(f"direction must be a finite 3 x 3 matrix, got {direction!r}")
-        lengths = np.linalg.norm(self.direction, axis=0)
-        if abs(np.linalg.det(self.direction)) <= 1e-9 * np.prod(lengths) or not np.all(lengths):
-            raise ValueError(f"direction must not be singular, got {self.direction.tolist()}")
-        if nan not in ("error", "transparent"):
-            raise ValueError(f'nan must be "error" or "transparent", got {nan!r}')
-        self.nan = nan
+        self.direction = _direction(np.eye(3) if direction is None else direction)
+        self.nan = choice(nan, "nan", ("error", "transparent"))
         self._device_arrays: dict[str, wp.array] = {}
         if nan == "error" and self.has_nonfinite:
             count = int(np.size(self.numpy()) - np.count_nonzero(np.isfinite(self.numpy())))
@@ -171,7 +164,9 @@ class Volume:
         return self._device_arrays[device.alias]
 
     @classmethod
-    def from_pyvista(cls, image_data: pv.ImageData, scalars: str | None = None, nan: Literal["error", "transparent"] = "error") -> Volume:
+    def from_pyvista(
+        cls, image_data: pv.ImageData, scalars: str | None = None, nan: Literal["error", "transparent"] = "error"
+    ) -> Volume:
         """The volume of a PyVista ``ImageData``; see :func:`wvr.io.from_pyvista`."""
         from .io import from_pyvista
 
@@ -188,6 +183,18 @@ class Volume:
         return f"Volume({nx} x {ny} x {nz} {self.dtype}, spacing={tuple(self.spacing.tolist())})"
 
 
+def _direction(matrix: ArrayLike) -> NDArray[np.float64]:
+    try:
+        direction = np.array(matrix, np.float64)
+    except (TypeError, ValueError):
+        direction = np.empty(0)
+    if direction.shape != (3, 3) or not np.all(np.isfinite(direction)):
+        raise ValueError(f"direction must be a finite 3 x 3 matrix, got {matrix!r}")
+    if abs(np.linalg.det(direction)) <= 1e-9 * np.prod(np.linalg.norm(direction, axis=0)):
+        raise ValueError(f"direction must not be singular, got {direction.tolist()}")
+    return direction
+
+
 def _as_data(array: Any) -> Any:
     """A C-contiguous NumPy array in native byte order, or a contiguous Warp array on its own device."""
     if isinstance(array, Volume):
@@ -197,9 +204,9 @@ def _as_data(array: Any) -> Any:
     if isinstance(array, np.ndarray):
         _check(array.dtype, array.shape)
         return np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("="))
-    if array.dtype not in wp.types.warp_type_to_np_dtype:
-        raise ValueError(f"array must have scalar samples, got elements of {array.dtype.__name__}")
-    _check(np.dtype(wp.dtype_to_numpy(array.dtype)), tuple(array.shape))
+    # A Warp array of vectors has no such dtype in NumPy, but one with more axes.
+    scalar = getattr(array.dtype, "_wp_scalar_type_", array.dtype)
+    _check(np.dtype(wp.dtype_to_numpy(scalar)), (*array.shape, *getattr(array.dtype, "_shape_", ())))
     return array if array.is_contiguous else array.contiguous()
 
 
@@ -226,7 +233,9 @@ def _host_view(array: Any) -> Any:
 
 def _check(dtype: np.dtype, shape: tuple[int, ...]) -> None:
     if dtype.names is not None or (len(shape) == 4 and shape[-1] in (2, 3, 4, 6, 9)):
-        raise ValueError(f"array must have one component a sample, got shape {shape} of {dtype}; pick one, e.g. array[..., 0]")
+        raise ValueError(
+            f"array must have one component a sample, got shape {shape} of {dtype}; pick one, e.g. array[..., 0]"
+        )
     if dtype.newbyteorder("=").name not in DTYPES:
         hint = {"b": "uint8", "c": "float32 (e.g. np.abs(array).astype(np.float32))"}.get(
             dtype.kind, "int16, uint16 or float64, whichever holds its values"
@@ -241,7 +250,11 @@ def _check(dtype: np.dtype, shape: tuple[int, ...]) -> None:
 def _borrow(data: NDArray) -> wp.array:
     """A Warp CPU array on the memory of ``data``, read-only arrays included (kernels only read it)."""
     array = wp.array(
-        ptr=data.ctypes.data, dtype=wp.dtype_from_numpy(data.dtype), shape=data.shape, capacity=data.nbytes, device="cpu"
+        ptr=data.ctypes.data,
+        dtype=wp.dtype_from_numpy(data.dtype),
+        shape=data.shape,
+        capacity=data.nbytes,
+        device="cpu",
     )
     array._owner = data  # keeps the memory alive as long as the array
     return array

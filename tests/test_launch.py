@@ -1,0 +1,80 @@
+"""Threads and devices: settings, what is refused, and that strips cover all items once."""
+
+import logging
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import warp as wp
+
+import wvr
+from wvr.launch import get_device, launch
+
+
+@wp.kernel(enable_backward=False)
+def count(base: int, out: wp.array(dtype=int)):
+    i = wp.tid() + base
+    out[i] = out[i] + i + 1
+
+
+@pytest.mark.parametrize("items", [0, 1, 2, 31, 1000, 4097])
+@pytest.mark.parametrize("grain", [1, 7, 256])
+def test_every_item_once(device, items, grain, threads):
+    for n in (1, 2, 5):
+        threads(n)
+        out = wp.zeros(items, dtype=int, device=device)
+        launch(count, items, [out], get_device(device), grain)
+        np.testing.assert_array_equal(out.numpy(), np.arange(items) + 1)
+
+
+def test_errors_in_strips_surface(threads):
+    threads(2)
+    with pytest.raises(Exception, match="count"):
+        launch(count, 1000, [wp.zeros(1000, dtype=float, device="cpu")], get_device("cpu"))
+
+
+@pytest.mark.parametrize("n", [0, -1, 1.5, "many", None, True, float("nan")])
+def test_refused_thread_counts(n):
+    with pytest.raises(ValueError, match="n must be an integer >= 1, got"):
+        wvr.set_num_threads(n)
+
+
+def test_environment(monkeypatch):
+    monkeypatch.setattr("wvr.launch._threads", None)
+    monkeypatch.setenv("WVR_NUM_THREADS", "3")
+    assert wvr.get_num_threads() == 3
+    monkeypatch.setenv("WVR_NUM_THREADS", "x")
+    with pytest.raises(ValueError, match="WVR_NUM_THREADS must be an integer >= 1, got 'x'"):
+        wvr.get_num_threads()
+    monkeypatch.delenv("WVR_NUM_THREADS")
+    assert wvr.get_num_threads() >= 1
+
+
+def test_devices():
+    assert get_device("cpu").is_cpu and get_device(get_device("cpu")).is_cpu
+    for wrong in ("cuda:99", "gpu", 3.5):
+        with pytest.raises(ValueError, match=r"device must be one of .*'cpu'.*, got"):
+            get_device(wrong)
+
+
+def test_import_starts_and_prints_nothing():
+    code = "import wvr, warp, sys; assert warp._src.context.runtime is None; assert not {'vtk', 'pyvista', 'matplotlib'} & set(sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
+
+
+def test_first_compile_is_logged(tmp_path):
+    code = (
+        "import logging, numpy as np, wvr; logging.basicConfig(level='INFO', format='%(name)s: %(message)s');"
+        "tf = wvr.TransferFunction([(0, 'red', 0), (1, 'red', 1)]); v = wvr.Volume(np.zeros((2, 2, 2)));"
+        "[wvr.render(v, tf, wvr.Camera.fit(v), (4, 4), integrator=wvr.Riemann(1.0), device='cpu') for _ in range(2)]"
+    )
+    logs = []
+    for _ in range(2):
+        environment = {"WARP_CACHE_PATH": str(tmp_path), "PATH": ""}
+        run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+        assert run.returncode == 0 and run.stdout == "", run.stderr
+        logs.append(run.stderr.count("wvr: compiling the kernel"))
+    assert logs == [1, 0]
+    assert logging.getLogger("wvr").level == logging.NOTSET

@@ -1,0 +1,132 @@
+"""The renderer: what is kept between frames, what a render refuses, and its statistics."""
+
+import numpy as np
+import pytest
+
+import wvr
+
+TF = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.3)])
+
+
+@pytest.fixture
+def scene(blobs):
+    return blobs, TF, wvr.Camera.fit(blobs)
+
+
+def test_only_what_depends_on_a_change_is_rebuilt(blobs, device):
+    renderer = wvr.Renderer(blobs, TF, integrator=wvr.Preintegrated(0.5), device=device)
+    first = renderer.render(wvr.Camera.fit(blobs), (16, 16))
+    assert renderer.builds == {"volume": 1, "transfer": 1, "table": 1}
+    renderer.render(wvr.Camera.fit(blobs, (0, 1, 0)), (20, 10))
+    renderer.transfer_function = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.3)])  # equal content
+    renderer.render(wvr.Camera.fit(blobs), (16, 16))
+    assert renderer.builds == {"volume": 1, "transfer": 1, "table": 1}
+    renderer.transfer_function = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.4)])
+    changed = renderer.render(wvr.Camera.fit(blobs), (16, 16))
+    assert renderer.builds == {"volume": 1, "transfer": 2, "table": 2}
+    assert not np.array_equal(changed.rgba, first.rgba)
+    renderer.integrator = wvr.Riemann(0.5)
+    renderer.render(wvr.Camera.fit(blobs), (16, 16))
+    assert renderer.builds == {"volume": 1, "transfer": 2, "table": 2}
+    renderer.volume = wvr.Volume(255 - blobs.numpy())
+    inverted = renderer.render(wvr.Camera.fit(blobs), (16, 16))
+    assert renderer.builds == {"volume": 2, "transfer": 2, "table": 2}
+    again = wvr.render(
+        renderer.volume, renderer.transfer_function, wvr.Camera.fit(blobs), (16, 16), integrator=wvr.Riemann(0.5)
+    )
+    assert np.abs(inverted.rgba - again.rgba).max() < 1e-5
+
+
+def test_point_rules_build_no_table(scene):
+    volume, tf, camera = scene
+    renderer = wvr.Renderer(volume, tf, integrator=wvr.Riemann(0.5))
+    renderer.render(camera, (8, 8))
+    assert "table" not in renderer.builds
+
+
+def test_default_is_preintegrated_in_float32(scene):
+    image = wvr.render(*scene, (8, 6))
+    assert image.rgba.shape == (6, 8, 4) and image.rgba.dtype == np.float32 and image.samples.dtype == np.int32
+    same = wvr.render(*scene, (8, 6), integrator=wvr.Preintegrated(0.5), precision="float32")
+    assert np.array_equal(image.rgba, same.rgba)
+    assert image.error_bound is None and image.stats["rays"] == 48 and image.stats["seconds"] > 0
+    assert image.stats["bytes"] >= scene[0].numpy().nbytes
+
+
+def test_constant_volume_renders_with_a_table():
+    volume = wvr.Volume(np.full((3, 3, 3), 100, np.uint8))
+    alpha = wvr.render(volume, TF, wvr.Camera.fit(volume), (9, 9)).rgba[4, 4, 3]
+    assert 0.2 < alpha < 0.5
+
+
+def test_empty_view(blobs):
+    away = wvr.Camera((500, 0, 0), (600, 0, 0))
+    image = wvr.render(blobs, TF, away, (5, 5))
+    assert not image.rgba.any() and not image.samples.any()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (16, 16), (17, 33)])
+def test_any_size(scene, size):
+    whole = wvr.render(*scene, size)
+    assert whole.size == size and np.all(np.isfinite(whole.rgba))
+
+
+def test_background_is_only_put_behind(scene):
+    plain, red = wvr.render(*scene, (8, 8)), wvr.render(*scene, (8, 8), background="red")
+    assert np.array_equal(plain.rgba, red.rgba) and red.to_uint8().shape[2] == 3
+
+
+def test_table_size_and_generator(scene):
+    images = [
+        wvr.render(*scene, (16, 16), integrator=wvr.Preintegrated(0.5, table_size=n, generator=g), termination=0)
+        for n, g in ((64, "incremental"), (64, "brute"), (700, "incremental"))
+    ]
+    assert np.abs(images[0].rgba - images[1].rgba).max() < 2e-6
+    assert 0 < np.abs(images[0].rgba - images[2].rgba).max() < 1e-2
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "error", "message"),
+    [
+        ({"volume": np.zeros((2, 2, 2))}, TypeError, "volume must be a Volume, got ndarray"),
+        ({"transfer_function": "bone"}, TypeError, "transfer_function must be a TransferFunction, got str"),
+        ({"camera": None}, TypeError, "camera must be a Camera, got NoneType"),
+        ({"integrator": "riemann"}, TypeError, "integrator must be a Riemann or Preintegrated, got 'riemann'"),
+        ({"size": (0, 5)}, ValueError, r"size must be \(width, height\), each >= 1, got \(0, 5\)"),
+        ({"size": (5, -1)}, ValueError, "size"),
+        ({"size": 512}, ValueError, "size must be two integers"),
+        ({"size": (2.5, 2)}, ValueError, "size must be two integers"),
+        ({"precision": "half"}, ValueError, "precision must be one of 'auto', 'float32', 'float64', got 'half'"),
+        ({"device": "cuda:99"}, ValueError, "device must be one of .*got 'cuda:99'"),
+        ({"termination": 1.0}, ValueError, r"termination must be in \[0, 1\), got 1.0"),
+        ({"termination": -0.1}, ValueError, "termination"),
+        ({"termination": float("nan")}, ValueError, "termination"),
+        ({"background": "reddish"}, ValueError, "background must be a colour name.*got 'reddish'"),
+        ({"size": (10**6, 10**6)}, MemoryError, r"need .* GiB on cpu, which has .* GiB free"),
+    ],
+    ids=str,
+)
+def test_errors(scene, kwargs, error, message):
+    arguments = dict(zip(("volume", "transfer_function", "camera"), scene, strict=True), size=(4, 4), device="cpu")
+    with pytest.raises(error, match=message):
+        wvr.render(**(arguments | kwargs))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: wvr.Riemann(0), "step must be finite and > 0, got 0"),
+        (lambda: wvr.Riemann(-1), "step"),
+        (lambda: wvr.Riemann(float("nan")), "step"),
+        (lambda: wvr.Riemann(float("inf")), "step"),
+        (lambda: wvr.Riemann(1, "right"), "rule must be one of 'midpoint', 'left', 'trapezoid', got 'right'"),
+        (lambda: wvr.Preintegrated(0), "step"),
+        (lambda: wvr.Preintegrated(1, oversampling=0), "oversampling must be an integer >= 1, got 0"),
+        (lambda: wvr.Preintegrated(1, oversampling=1.5), "oversampling"),
+        (lambda: wvr.Preintegrated(1, table_size=1), "table_size must be an integer >= 2 or None, got 1"),
+        (lambda: wvr.Preintegrated(1, generator="approximate"), "generator must be one of"),
+    ],
+)
+def test_integrator_errors(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
