@@ -341,3 +341,13 @@ def test_distant_camera(device):
         for c in (near, distant)
     )
     assert max_error(one, other.rgba) < 1e-6
+
+
+def test_trapezoid_takes_the_mean_emission(device):
+    """One segment from a dense red end to a thin blue one: colours count by their extinction."""
+    volume = centered(np.array([0.0, 1.0])[:, None, None] * np.ones((1, 2, 2)))
+    tf = wvr.TransferFunction([(0, (1, 0, 0), 0.6), (1, (0, 0, 1), 0.1)])
+    image = wvr.render(volume, tf, along(2), (1, 1), integrator=wvr.Riemann(1.0, "trapezoid"), device=device)
+    tau = -np.log1p([-0.6, -0.1])
+    A = -np.expm1(-tau.mean())
+    np.testing.assert_allclose(image.rgba[0, 0], A * np.array([tau[0], 0, tau[1], tau.sum()]) / tau.sum(), atol=1e-6)

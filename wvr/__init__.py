@@ -1,6 +1,6 @@
 """wvr, the Warp Volume Renderer: direct volume rendering of regular grids, fast and accurate, on CPUs and CUDA GPUs."""
 
-from . import datasets
+from . import datasets, presets
 from .camera import Camera
 from .image import Image
 from .integrators import Preintegrated, Riemann
@@ -23,6 +23,7 @@ __all__ = [
     "datasets",
     "get_num_threads",
     "preintegrate",
+    "presets",
     "read",
     "read_raw",
     "render",

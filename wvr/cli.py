@@ -32,7 +32,7 @@ Vector = Annotated[str, Parameter(allow_leading_hyphen=True)]
 Size = Annotated[int, Parameter(validator=Number(gte=2))]
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-AXES |= {f"-{name}": (-x, -y, -z) for name, (x, y, z) in AXES.items()}
+AXES |= {f"-{name}": (0 - x, 0 - y, 0 - z) for name, (x, y, z) in AXES.items()}
 QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999)
 BINS = 32
 
@@ -40,7 +40,7 @@ BINS = 32
 def main() -> int:
     """Run the command line in ``sys.argv``; returns the exit code."""
     try:
-        command, bound, *_ = app.parse_args(exit_on_error=False, print_error=False, verbose=False)
+        command, bound, *_ = app.parse_args(sys.argv[1:], exit_on_error=False, print_error=False, verbose=False)
         command(*bound.args, **bound.kwargs)
     except KeyboardInterrupt:
         return 130
@@ -52,7 +52,7 @@ def main() -> int:
 
 
 def _failed(error: Exception, code: int) -> int:
-    # One line, whatever the message quotes; some errors of Python itself have none.
+    # One line, whatever the message quotes. A MemoryError of Python's own has no message.
     message = " ".join(str(error).split()) or type(error).__name__
     if isinstance(error, OSError) and error.filename is not None:
         message = f"{error.strerror}: {error.filename}"

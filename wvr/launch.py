@@ -116,5 +116,5 @@ def _load(kernel: wp.Kernel, alias: str) -> None:
     block_dim = 1 if device.is_cpu else kernel.module.options["block_dim"]
     with wp.ScopedLogLevel(wp.LOG_WARNING):
         if not (Path(wp.config.kernel_cache_dir) / kernel.module.get_module_identifier(block_dim)).is_dir():
-            log.info("compiling the kernel %s for %s (once; a few seconds)", kernel.key.rpartition(".")[2], alias)
+            log.info("compiling the kernel %s for %s (once; a few seconds)", kernel.key.rpartition("__")[2], alias)
         kernel.module.load(device, block_dim)
