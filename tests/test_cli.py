@@ -433,3 +433,14 @@ def test_help_needs_neither_pyvista_nor_matplotlib():
     assert "--integrator" in done.stdout
     done = subprocess.run([sys.executable, "-m", "wvr", "--version"], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout) == (0, f"{wvr.__version__}\n")
+
+
+def test_up_is_y_unless_the_file_says_where_the_head_is(run, rendered, tmp_path):
+    volume = spheres()
+    np.save("plain.npy", volume.numpy())
+    head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 12 12 12\nencoding: raw\n{}\n"
+    place = "space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n"
+    tmp_path.joinpath("head.nrrd").write_bytes(head.format(place).encode() + volume.numpy().tobytes())
+    for file, up in (("plain.npy", (0, 1, 0)), ("head.nrrd", (0, 0, 1))):
+        assert run("render", file)[0] == 0
+        np.testing.assert_array_equal(rendered["camera"].up, up)

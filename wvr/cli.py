@@ -71,7 +71,7 @@ def render(
     integrator: str | None = None,
     size: str = "512x512",
     direction: Vector | None = None,
-    up: Vector = "z",
+    up: Vector | None = None,
     view_angle: float = 30.0,
     parallel: Annotated[bool, Parameter(negative="")] = False,
     camera: Vector | None = None,
@@ -107,7 +107,8 @@ def render(
     direction
         X,Y,Z from the volume towards the camera. By default 1,0.6,0.4 for --up z, and turned with --up.
     up
-        X,Y,Z or an axis (y, -z): upwards in the image. Few files say where up is.
+        X,Y,Z or an axis (y, -z): upwards in the image. By default z for generated datasets and files that say where
+        the head is (DICOM, NIfTI, some NRRD), else y, as in VTK's own default view: few files say where up is.
     view_angle
         Vertical angle of view in degrees.
     parallel
@@ -142,6 +143,10 @@ def render(
     with _Stages() as stage:
         volume = _load(source, scalars, nan, dataset_size, stage)
         transfer_function = _transfer_function(tf, domain, volume)
+        if up is None:
+            from .datasets import GENERATED
+
+            up = "z" if volume.anatomical or source in GENERATED else "y"
         view = _camera(volume, direction, up, view_angle, parallel, camera, width / height)
         stage("rendering")
         image = wvr.render(

@@ -45,6 +45,7 @@ class _Grid(NamedTuple):
     array: NDArray
     steps: NDArray[np.float64]
     origin: NDArray[np.float64]
+    anatomical: bool = False
 
 
 def read(path: str | os.PathLike[str], scalars: str | None = None, nan: NanPolicy = "error") -> Volume:
@@ -86,9 +87,11 @@ def read(path: str | os.PathLike[str], scalars: str | None = None, nan: NanPolic
         return from_pyvista(reader(path), scalars, nan)
     if scalars is not None:
         raise ValueError(f"scalars={scalars!r}: {path} holds one array without a name; leave scalars out")
-    array, steps, origin = reader(path)
+    array, steps, origin, anatomical = reader(path)
     lengths = np.linalg.norm(steps, axis=0)
-    return Volume(_narrowed(array), lengths, origin, steps / np.where(lengths > 0, lengths, 1), nan)
+    volume = Volume(_narrowed(array), lengths, origin, steps / np.where(lengths > 0, lengths, 1), nan)
+    volume.anatomical = anatomical
+    return volume
 
 
 def read_raw(
@@ -343,7 +346,7 @@ def _read_nrrd(path: Path) -> _Grid:
         data = memoryview(_nrrd_data_file(path, head["data file"]).read_bytes())
     with _corrupt(path):
         shape = [n for n, is_spatial in zip(sizes, spatial, strict=True) if is_spatial][::-1]
-        return _Grid(_nrrd_samples(head, data, dtype, shape), *_nrrd_place(head, spatial))
+        return _Grid(_nrrd_samples(head, data, dtype, shape), *_nrrd_place(head, spatial), "space" in head)
 
 
 def _nrrd_parts(content: bytes) -> tuple[dict[str, str], memoryview]:
@@ -450,7 +453,7 @@ def _read_meta_image(path: Path) -> _Grid:
         memoryview(content)[end.end() :] if name.upper() == "LOCAL" else memoryview((path.parent / name).read_bytes())
     )
     with _corrupt(path):
-        return _Grid(_meta_samples(head, data, shape), *_meta_place(head))
+        return _Grid(_meta_samples(head, data, shape), *_meta_place(head), "AnatomicalOrientation" in head)
 
 
 def _meta_field(head: dict[str, str], names: str, default: str) -> str:
@@ -525,7 +528,8 @@ def _read_nifti(path: Path) -> _Grid:
         array = _samples(memoryview(content)[int(head["offset"]) :], dtype, dims[2::-1])
         # A slope of 0 or NaN means none.
         slope, intercept = (float(head["slope"]), float(head["intercept"])) if head["slope"] else (1.0, 0.0)
-        return _Grid(_rescaled(array, slope, intercept) if np.isfinite(slope) else array, *_nifti_place(head))
+        array = _rescaled(array, slope, intercept) if np.isfinite(slope) else array
+        return _Grid(array, *_nifti_place(head), anatomical=True)
 
 
 def _nifti_header(content: bytes) -> tuple[Any, Literal["<", ">"]]:
@@ -713,7 +717,7 @@ def _dicom_grid(path: Path, files: list[Path]) -> _Grid:
         raise ValueError(f"{path} holds DICOM slices that are not evenly spaced: some are missing or doubled")
     down, across = (float(v) for v in first.get("PixelSpacing", (1.0, 1.0)))
     steps = np.stack([row * across, column * down, step], axis=1)
-    return _Grid(np.stack([slices[k].array for k in order]), steps, place[order[0]])
+    return _Grid(np.stack([slices[k].array for k in order]), steps, place[order[0]], anatomical=True)
 
 
 class _Slice(NamedTuple):

@@ -52,6 +52,9 @@ class Volume:
         direction.
     """
 
+    #: Whether world x, y, z are a patient's axes (z towards the head), as DICOM, NIfTI and some NRRD files say.
+    anatomical: bool = False
+
     def __init__(
         self,
         array: Any,
