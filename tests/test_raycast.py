@@ -180,6 +180,15 @@ def test_thin_volumes(device, integrator, shape):
         np.testing.assert_allclose(image.rgba, 1 - 0.7**length, rtol=0, atol=2e-6)
 
 
+@pytest.mark.parametrize("shape", [(1, 4, 5), (4, 1, 5), (4, 5, 1), (1, 1, 6)])
+def test_thin_volumes_are_constant_across(device, shape, smooth_tf):
+    volume = centered(np.random.default_rng(1).random(shape))
+    camera = wvr.Camera.fit(volume, (1.0, 0.8, 0.6))
+    exact = reference.render(volume, smooth_tf, camera, (16, 16), parts=16)
+    image = wvr.render(volume, smooth_tf, camera, (16, 16), integrator=wvr.Riemann(0.01), device=device, termination=0)
+    assert max_error(image, exact) < 2e-5
+
+
 def test_lone_voxel_footprint(device):
     """One bright sample lights the cells around it and nothing else, centred where the sample is."""
     data = np.zeros((9, 9, 9), np.uint8)
