@@ -64,7 +64,6 @@ def make_linear_segment(real):
 
     Exact for any length: composed of the stretches between the transfer function's knots.
     """
-    vec4 = vec4_of(real)
     vec2 = wp.vec2d if real is wp.float64 else wp.vec2
     Transfer, find, _ = make_transfer(real)
     interval = make_interval(real)

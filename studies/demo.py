@@ -74,8 +74,8 @@ def main(folder: str = "out/demo") -> None:
         table.add_row(name, f"{seconds:.3f}", f"{samples:.1f}", f"{error.max():.1e}", f"{error.mean():.1e}")
     console.print(table)
     console.print(
-        f"Errors are absolute, of linear premultiplied RGBA in [0, 1], over {PIXELS} pixels that see something, against "
-        f"a float64 reference that is itself within about {check:.0e}. The pictures are in {out}."
+        f"Errors are absolute, of linear premultiplied RGBA in [0, 1], over {PIXELS} pixels that see something, "
+        f"against a float64 reference that is itself within about {check:.0e}. The pictures are in {out}."
     )
 
 

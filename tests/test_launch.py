@@ -59,7 +59,10 @@ def test_devices():
 
 
 def test_import_starts_and_prints_nothing():
-    code = "import wvr, warp, sys; assert warp._src.context.runtime is None; assert not {'vtk', 'pyvista', 'matplotlib'} & set(sys.modules)"
+    code = (
+        "import wvr, warp, sys; assert warp._src.context.runtime is None;"
+        "assert not {'vtk', 'pyvista', 'matplotlib'} & set(sys.modules)"
+    )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
 

@@ -20,12 +20,11 @@ def needs_opengl():
     """Without OpenGL a render window may crash the process, so another process tries it first."""
     try_it = "import pyvista; pyvista.Plotter(off_screen=True).screenshot(return_img=True)"
     try:
-        trial = subprocess.run([sys.executable, "-c", try_it], capture_output=True, text=True, timeout=120)
+        trial = subprocess.run([sys.executable, "-c", try_it], capture_output=True, timeout=120)
     except subprocess.TimeoutExpired:
         pytest.skip("VTK's off-screen rendering hangs")
     if trial.returncode != 0:
-        reason = (trial.stderr.strip().splitlines() or ["no message"])[-1]
-        pytest.skip(f"VTK cannot render off-screen (needs EGL, OSMesa or X): exit {trial.returncode}, {reason}")
+        pytest.skip(f"VTK cannot render off-screen (it needs EGL, OSMesa or X): exit status {trial.returncode}")
 
 
 def rotation():
@@ -41,13 +40,13 @@ def make_volume(direction=None):
     """A bar along each axis, all of other lengths, from one corner block: no mirror image and no turn is the same."""
     data = np.zeros((12, 15, 18), np.uint8)
     data[2:5, 2:5, 2:16] = 255
-    data[2:5, 2:10, 2:5] = 255
-    data[2:8, 2:4, 2:4] = 255
+    data[2:5, 2:13, 2:5] = 255
+    data[2:9, 2:4, 2:4] = 255
     return wvr.Volume(data, spacing=(1.5, 1.0, 2.0), origin=(10.0, -20.0, 5.0), direction=direction)
 
 
 def make_camera(volume, parallel):
-    camera = wvr.Camera.fit(volume, (0.8, -1.0, 0.6), (0.3, 0.1, 1.0), parallel=parallel, view_angle=40)
+    camera = wvr.Camera.fit(volume, (0.8, 1.0, 0.6), (0.3, 0.1, 1.0), parallel=parallel, view_angle=40)
     # Off the volume's centre, so that a mirrored image cannot match by symmetry of the view.
     right, up, _ = camera.basis()
     shift = 3.0 * right - 2.0 * up
@@ -79,6 +78,7 @@ def vtk_opacity(volume, camera, size):
         for scalar, value in zip(SCALARS, OPACITY, strict=True):
             opacity.AddPoint(scalar, value)
         actor.prop.SetScalarOpacity(opacity)
+        actor.prop.SetInterpolationTypeToLinear()
         actor.mapper.SetAutoAdjustSampleDistances(False)
         actor.mapper.SetSampleDistance(0.05)
         plotter.camera.position, plotter.camera.focal_point = camera.position, camera.target
@@ -99,13 +99,13 @@ def test_same_pixels(direction, parallel):
     camera = make_camera(volume, parallel)
     expected = vtk_opacity(volume, camera, SIZE)
     transfer_function = wvr.TransferFunction.from_arrays(SCALARS, np.ones((256, 3)), OPACITY, UNIT_DISTANCE)
-    image = wvr.render(volume, transfer_function, camera, size=SIZE)
+    image = wvr.render(volume, transfer_function, camera, size=SIZE, integrator=wvr.Preintegrated(0.1))
     opacity = image.rgba[..., 3]
     difference = abs(opacity - expected)
-    assert np.count_nonzero(expected > 0.5) > 1000
+    assert np.count_nonzero(expected > 0.5) > 700
     # VTK rounds to eight bits, steps and filters its texture with low precision.
-    assert difference.max() < 0.04
+    assert difference.max() < 0.02
     assert np.count_nonzero((opacity > 0.5) != (expected > 0.5)) <= 5
     # Half a pixel to the side would not pass.
-    assert abs((opacity[:, 1:] + opacity[:, :-1]) / 2 - expected[:, 1:]).max() > 0.12
-    assert abs((opacity[1:] + opacity[:-1]) / 2 - expected[1:]).max() > 0.12
+    assert abs((opacity[:, 1:] + opacity[:, :-1]) / 2 - expected[:, 1:]).max() > 0.1
+    assert abs((opacity[1:] + opacity[:-1]) / 2 - expected[1:]).max() > 0.1

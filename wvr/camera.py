@@ -7,13 +7,12 @@ is the top of the image.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import index
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .validation import finite_vector, positive
 from .volume import Volume
@@ -52,9 +51,9 @@ class Camera:
 
     def __init__(
         self,
-        position: Sequence[float],
-        target: Sequence[float],
-        up: Sequence[float] = (0.0, 0.0, 1.0),
+        position: ArrayLike,
+        target: ArrayLike,
+        up: ArrayLike = (0.0, 0.0, 1.0),
         view_angle: float = 30.0,
         parallel_scale: float | None = None,
     ):
@@ -118,8 +117,8 @@ class Camera:
     def fit(
         cls,
         volume: Volume,
-        direction: Sequence[float] = (1.0, 0.6, 0.4),
-        up: Sequence[float] = (0.0, 0.0, 1.0),
+        direction: ArrayLike = (1.0, 0.6, 0.4),
+        up: ArrayLike = (0.0, 0.0, 1.0),
         parallel: bool = False,
         view_angle: float = 30.0,
         aspect: float = 1.0,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from .validation import choice, positive
 
@@ -55,7 +54,8 @@ class Preintegrated:
         Entries along an axis of the table, >= 2. None, the default: one a grey level for integer samples of up to 512
         levels, else 512.
     generator
-        ``"incremental"`` (exact, O(n^2)) or ``"brute"`` (the same table, O(n^3)).
+        ``"incremental"`` (exact, O(n^2)), ``"brute"`` (the same table, O(n^3)) or ``"approximate"`` (attenuation inside
+        a segment left out: order 1).
 
     Notes
     -----
@@ -67,7 +67,6 @@ class Preintegrated:
     oversampling: int = 1
     table_size: int | None = None
     generator: str = "incremental"
-    order: ClassVar[int] = 2
 
     def __post_init__(self) -> None:
         positive(self.step, "step")
@@ -75,7 +74,12 @@ class Preintegrated:
             raise ValueError(f"oversampling must be an integer >= 1, got {self.oversampling!r}")
         if self.table_size is not None and (self.table_size != int(self.table_size) or self.table_size < 2):
             raise ValueError(f"table_size must be an integer >= 2 or None, got {self.table_size!r}")
-        choice(self.generator, "generator", ("incremental", "brute"))
+        choice(self.generator, "generator", ("incremental", "brute", "approximate"))
+
+    @property
+    def order(self) -> int:
+        """Order of convergence in ``step`` on smooth integrands."""
+        return 1 if self.generator == "approximate" else 2
 
     @property
     def segment(self) -> float:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from functools import cache, lru_cache
+from typing import Any, Literal
 
 import numpy as np
 import warp as wp
@@ -11,13 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from .kernels.precision import REALS, vec4_of
 from .kernels.segment import gauss_nodes
-from .kernels.table import make_generators, make_pieces, make_table
+from .kernels.table import make_approximate, make_generators, make_pieces, make_table
 from .kernels.transfer import make_transfer
 from .launch import get_device, launch
 from .transfer_function import TransferFunction
 from .validation import choice, positive
 
-GENERATORS = ("incremental", "brute")
+GENERATORS = ("incremental", "brute", "approximate", "running")
+WEIGHTS = (None, "lighting", "lum")
 
 
 def transfer_arrays(tf: TransferFunction, unit: float, shift: float, precision: str, device: wp.Device) -> Any:
@@ -62,17 +64,8 @@ def table_array(
     device: wp.Device,
 ) -> wp.array:
     """The (n, n) table of segments of ``length`` units on the device, extinction per ``unit`` of world length."""
-    real = REALS[precision]
-    diagonal, incremental, brute = make_generators(real)
-    pieces = _pieces(tf, n, unit, domain, real, device)
-    table = wp.empty((n, n), dtype=vec4_of(real), device=device)
-    launch(diagonal, n, [pieces, length, table], device, grain=n)
-    if generator == "brute":
-        launch(brute, n * n, [pieces, length, table], device, grain=n)
-    else:
-        items = _bins(n)
-        launch(incremental, len(items), [pieces, wp.array(items, dtype=wp.vec2i, device=device), length, table], device)
-    return table
+    cut = _Cut(tf, n, domain, unit)
+    return _generate(cut.colors(None), cut, length, generator, None, precision, device)[0]
 
 
 def table_struct(rgba: wp.array, domain: tuple[float, float], shift: float, precision: str) -> Any:
@@ -87,65 +80,181 @@ def table_struct(rgba: wp.array, domain: tuple[float, float], shift: float, prec
 
 def nodes_array(precision: str, device: wp.Device) -> wp.array:
     """The quadrature nodes that ``kernels.segment`` reads."""
+    return _nodes(precision, device.alias)
+
+
+@cache
+def _nodes(precision: str, alias: str) -> wp.array:
     dtype = wp.vec2d if precision == "float64" else wp.vec2
-    return wp.array(gauss_nodes(precision).astype(precision), dtype=dtype, device=device)
+    return wp.array(gauss_nodes(precision).astype(precision), dtype=dtype, device=alias)
 
 
 class Table:
-    """A 2D pre-integration table.
+    """A pre-integration table: segments whose scalar runs linearly between two of n equally spaced values.
 
     Attributes
     ----------
     rgba
-        (n, n, 4): [i, j] is the segment whose scalar runs linearly from table value i to j: premultiplied colour and
-        opacity. NumPy, in the table's precision.
+        (n, n, 4), or (m, n, n, 4) for m lengths: [..., i, j, :] is the segment from table value i (front) to j (back):
+        premultiplied colour and opacity. NumPy, in the table's precision.
+    front, back
+        With weights, of the shape of ``rgba``: the integrals of diffuse colour and of white specular light (last
+        channel), weighted by a ramp that falls from 1 at the front to 0 at the back, and by the opposite one
+        (Lum, Wilson and Ma 2004, section 3). Without coefficients in the transfer function front + back = rgba, so
+        that two tables are all that a lit segment reads. None without weights.
+    ambient
+        ``rgba`` with colours times the transfer function's ambient coefficient; None where it has none.
     domain
-        Scalars of the first and last entry; the entries between are equally spaced.
+        Scalars of the first and last value.
     length
-        Length of the segments [world length].
+        Length of the segments [world length], or (m,) ascending lengths.
     """
 
-    def __init__(self, rgba: NDArray[np.floating], domain: tuple[float, float], length: float):
-        self.rgba = rgba
+    def __init__(
+        self,
+        rgba: NDArray[np.floating],
+        domain: tuple[float, float],
+        length: float | NDArray[np.float64],
+        front: NDArray[np.floating] | None = None,
+        back: NDArray[np.floating] | None = None,
+        ambient: NDArray[np.floating] | None = None,
+    ):
+        self.rgba, self.front, self.back, self.ambient = rgba, front, back, ambient
         self.domain = domain
         self.length = length
 
-    def lookup(self, front: ArrayLike, back: ArrayLike, length: float | None = None) -> NDArray[np.float64]:
-        """Colour and opacity of segments that run from scalar ``front`` to ``back``, bilinear between entries.
+    def lookup(
+        self, front: ArrayLike, back: ArrayLike, length: ArrayLike | None = None, table: str = "rgba"
+    ) -> NDArray[np.float64]:
+        """Segments that run from scalar ``front`` to ``back``, interpolated linearly between entries.
 
         Parameters
         ----------
         front, back
             Scalars, broadcast together; those outside the domain are clamped to it.
         length
-            That of the table, or None: a 2D table is for one length.
+            Lengths [world length]. A 2D table has one and needs none; a 3D table interpolates between its lengths (and
+            length 0, which is nothing), up to the last.
+        table
+            Which: ``"rgba"``, ``"front"``, ``"back"`` or ``"ambient"``.
 
         Returns
         -------
         float64, shape (..., 4)
         """
-        if length is not None and length != self.length:
-            raise ValueError(f"length must be that of the table, {self.length}, got {length!r}")
-        n = len(self.rgba)
+        entries = getattr(self, choice(table, "table", ("rgba", "front", "back", "ambient")))
+        if entries is None:
+            raise ValueError(f"table must be one that was generated, got {table!r}")
+        u, v = (np.asarray(s, np.float64) for s in (front, back))
+        if np.ndim(self.length) == 0:
+            if length is not None and np.any(length != self.length):
+                raise ValueError(f"length must be that of the table, {self.length}, got {length!r}")
+            return self._bilinear(entries, u, v)
+        lengths = np.concatenate([[0.0], self.length])
+        given = np.asarray(length, np.float64)
+        if length is None or not np.all((given >= 0) & (given <= lengths[-1])):
+            raise ValueError(f"length must be in [0, {lengths[-1]}], got {length!r}")
+        layer = np.clip(np.searchsorted(lengths, given, "right") - 1, 0, len(lengths) - 2)
+        share = ((given - lengths[layer]) / np.diff(lengths)[layer])[..., None]
+        below = np.where((layer > 0)[..., None], self._bilinear(entries, u, v, np.maximum(layer - 1, 0)), 0.0)
+        return (1 - share) * below + share * self._bilinear(entries, u, v, layer)
+
+    def _bilinear(
+        self, entries: NDArray, front: NDArray[np.float64], back: NDArray[np.float64], *layer: NDArray
+    ) -> NDArray[np.float64]:
+        n = entries.shape[-2]
         (lo, hi), last = self.domain, n - 1
-        u, v = (np.clip((np.asarray(s, np.float64) - lo) / (hi - lo) * last, 0, last) for s in (front, back))
+        u, v = (np.clip((s - lo) / (hi - lo) * last, 0, last) for s in (front, back))
         i, j = (np.minimum(w.astype(int), n - 2) for w in (u, v))
         x, y = (u - i)[..., None], (v - j)[..., None]
-        rgba = self.rgba.astype(np.float64)
-        e0 = rgba[i, j] * (1 - y) + rgba[i, j + 1] * y
-        e1 = rgba[i + 1, j] * (1 - y) + rgba[i + 1, j + 1] * y
+        e00, e01, e10, e11 = (entries[tuple([*layer, i + a, j + b])] for a in (0, 1) for b in (0, 1))
+        e0, e1 = e00 * (1 - y) + e01 * y, e10 * (1 - y) + e11 * y
         return e0 * (1 - x) + e1 * x
+
+
+class RunningIntegrals:
+    """A transfer function's running integrals: the one-dimensional form of a pre-integration table.
+
+    The mean extinction and emission of a segment are differences of running integrals, exact for any ends and length;
+    so is the opacity. Colour is mean emission over mean extinction, times opacity: exact where the colour is constant
+    over the segment, and else off by at most the colour's range times ``1 - A/x + (A/x) log(A/x) <= x^2 / 8``, x being
+    the optical depth and A the opacity, because what attenuates is spread evenly.
+
+    Attributes
+    ----------
+    scalars
+        (k,) table values and control points, ascending.
+    extinction, emission
+        (k,) and (k, 3): integrals from the first scalar to each of them; float64.
+    """
+
+    def __init__(self, cut: _Cut):
+        rgb, tau = cut.colors(None), cut.extinctions
+        self.scalars = cut.scalars
+        self._tau = tau
+        self._emission = [tau[side][:, None] * rgb[side] for side in (0, 1)]
+        middle = 0.25 * (tau[0] + tau[1])[:, None] * (rgb[0] + rgb[1])
+        width = np.diff(cut.scalars)
+        # Simpson's rule is exact: extinction is linear between the scalars, emission quadratic.
+        simpson = (self._emission[0] + 4 * middle + self._emission[1]) / 6
+        self.extinction = np.concatenate([[0.0], np.cumsum(width * (tau[0] + tau[1]) / 2)])
+        self.emission = np.concatenate([np.zeros((1, 3)), np.cumsum(width[:, None] * simpson, axis=0)])
+        self._middle = middle
+
+    def lookup(self, front: ArrayLike, back: ArrayLike, length: ArrayLike = 1.0) -> NDArray[np.float64]:
+        """Colour and opacity of segments that run from scalar ``front`` to ``back`` over a length [world length].
+
+        Parameters
+        ----------
+        front, back, length
+            Broadcast together; scalars outside the domain are clamped to it.
+
+        Returns
+        -------
+        float64, shape (..., 4)
+        """
+        first, last = self.scalars[[0, -1]]
+        a, b, length = np.broadcast_arrays(np.clip(front, first, last), np.clip(back, first, last), length)
+        a, b = np.minimum(a, b), np.maximum(a, b)
+        ka, kb = (np.clip(np.searchsorted(self.scalars, s, "right") - 1, 0, len(self.scalars) - 2) for s in (a, b))
+        # Both ends between the same two scalars: the local polynomial. Else two partial pieces and a difference.
+        within = ka == kb
+        tau, emission = self._piece(ka, a, b)
+        low_tau, low_emission = self._piece(ka, a, self.scalars[ka + 1])
+        high_tau, high_emission = self._piece(kb, self.scalars[kb], b)
+        d = np.where(within, 1.0, b - a)
+        d1, d2 = self.scalars[ka + 1] - a, b - self.scalars[kb]
+        across = (d1 * low_tau + (self.extinction[kb] - self.extinction[ka + 1]) + d2 * high_tau) / d
+        tau = np.where(within, tau, across)
+        sums = (
+            (self.emission[kb] - self.emission[ka + 1]) + d1[..., None] * low_emission + d2[..., None] * high_emission
+        )
+        emission = np.where(within[..., None], emission, sums / d[..., None])
+        A = -np.expm1(-tau * length)
+        color = np.divide(emission, tau[..., None], out=np.zeros_like(emission), where=tau[..., None] > 0)
+        return np.concatenate([color * A[..., None], A[..., None]], axis=-1)
+
+    def _piece(
+        self, k: NDArray, a: NDArray[np.float64], b: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean extinction and emission from scalar a to b inside piece k."""
+        u, v = ((s - self.scalars[k]) / (self.scalars[k + 1] - self.scalars[k]) for s in (a, b))
+        tau = self._tau[0][k] + (u + v) / 2 * (self._tau[1][k] - self._tau[0][k])
+        start, middle, end = self._emission[0][k], self._middle[k], self._emission[1][k]
+        slope, curve = -3 * start + 4 * middle - end, 2 * (start - 2 * middle + end)
+        return tau, start + ((u + v) / 2)[..., None] * slope + ((u * u + u * v + v * v) / 3)[..., None] * curve
 
 
 def preintegrate(
     tf: TransferFunction,
     n: int = 256,
-    length: float = 1.0,
+    length: float | Sequence[float] = 1.0,
     domain: tuple[float, float] | None = None,
     generator: str = "incremental",
+    weights: str | None = None,
     device: Any = None,
     precision: str = "float32",
-) -> Table:
+) -> Table | RunningIntegrals:
     """Pre-integrate a transfer function: a table of segments over the scalars at their two ends.
 
     Parameters
@@ -155,32 +264,116 @@ def preintegrate(
     n
         Entries along an axis, >= 2.
     length
-        Length of a segment [world length], > 0.
+        Length of a segment [world length], > 0; a sequence of ascending ones makes a 3D table (m, n, n, 4).
     domain
         Scalars ``(lo, hi)`` of the first and last entry; by default the first and last control point.
     generator
-        ``"incremental"``: subrange integration of Lum, Wilson and Ma (2004), exact in O(n^2); ``"brute"``: the same
-        table in O(n^3).
+        ``"incremental"``: subrange integration of Lum, Wilson and Ma (2004), exact in O(n^2) a length; ``"brute"``: the
+        same table in O(n^3); ``"approximate"``: without attenuation inside a segment (Engel et al. 2001), O(n^2) and
+        wrong where dense, its colour may exceed its opacity; ``"running"``: one-dimensional running integrals, for any
+        length.
+    weights
+        ``"lighting"`` adds the front- and back-weighted tables, by first moments; ``"lum"`` the same by the subtraction
+        of section 4.3 of the paper, which loses digits.
     device
         Warp device that computes it; CUDA where there is one, by default.
     precision
         ``"float32"`` (max abs error 2e-6) or ``"float64"`` (1e-12).
 
+    Returns
+    -------
+    Table, or RunningIntegrals for ``generator="running"``
+
     Raises
     ------
     ValueError
-        For n < 2, ``length`` <= 0 or NaN, lo >= hi, or a transfer function of a single scalar without ``domain``.
+        For n < 2, lengths <= 0, NaN or not ascending, lo >= hi, a transfer function of a single scalar without
+        ``domain``, or weights with a generator that has none.
     """
     if not isinstance(tf, TransferFunction):
         raise TypeError(f"tf must be a TransferFunction, got {type(tf).__name__}")
     if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 2:
         raise ValueError(f"n must be an integer >= 2, got {n!r}")
-    positive(length, "length")
+    lengths = [positive(value, "length") for value in ([length] if np.ndim(length) == 0 else length)]  # type: ignore[union-attr]
+    if not lengths or np.any(np.diff(lengths) <= 0):
+        raise ValueError(f"length must be one number > 0, or one or more ascending, got {length!r}")
     choice(generator, "generator", GENERATORS)
+    choice(weights, "weights", WEIGHTS)
     choice(precision, "precision", tuple(REALS))
+    if weights is not None and generator not in ("incremental", "brute"):
+        raise ValueError(f"weights must be None for generator={generator!r}, got {weights!r}")
+    if weights == "lum" and generator == "brute":
+        raise ValueError('weights="lum" is a way of generator="incremental", got generator="brute"')
     lo, hi = _domain(tf, domain)
-    rgba = table_array(tf, int(n), length, 1.0, (lo, hi), generator, precision, get_device(device))
-    return Table(rgba.numpy(), (lo, hi), float(length))
+    cut = _Cut(tf, int(n), (lo, hi), 1.0)
+    if generator == "running":
+        return RunningIntegrals(cut)
+    on = get_device(device)
+    layers = [_tables(tf, cut, value, generator, weights, precision, on) for value in lengths]
+    tables = {name: np.stack([layer[name] for layer in layers]) for name in layers[0]}
+    if np.ndim(length) == 0:
+        return Table(domain=(lo, hi), length=lengths[0], **{name: entries[0] for name, entries in tables.items()})
+    return Table(domain=(lo, hi), length=np.array(lengths), **tables)
+
+
+def _tables(
+    tf: TransferFunction,
+    cut: _Cut,
+    length: float,
+    generator: str,
+    weights: str | None,
+    precision: str,
+    device: wp.Device,
+) -> dict[str, NDArray]:
+    """The arrays of :class:`Table` for one length."""
+
+    def generate(colors: tuple, weights: str | None) -> list[NDArray]:
+        return [table.numpy() for table in _generate(colors, cut, length, generator, weights, precision, device)]
+
+    plain = generate(cut.colors(None), weights)
+    tables = {"rgba": plain[0]}
+    if tf.ambient is not None:
+        tables["ambient"] = generate(cut.colors(tf.ambient), None)[0]
+    if weights is not None:
+        diffuse, specular = plain, None
+        if tf.diffuse is not None:
+            diffuse = generate(cut.colors(tf.diffuse), weights)
+        if tf.specular is not None:
+            specular = generate(cut.colors(tf.specular, white=True), weights)
+        total, back = diffuse[0].copy(), diffuse[1]
+        if specular is not None:
+            total[..., 3], back[..., 3] = specular[0][..., 0], specular[1][..., 0]
+        tables["front"], tables["back"] = total - back, back
+    return tables
+
+
+def _generate(
+    colors: tuple[NDArray[np.float64], ...],
+    cut: _Cut,
+    length: float,
+    generator: str,
+    weights: str | None,
+    precision: str,
+    device: wp.Device,
+) -> list[wp.array]:
+    """The (n, n) table of ``colors`` (low, high, curve, at the values) and, with weights, the back-weighted one."""
+    real = REALS[precision]
+    n = cut.n
+    pieces = cut.pieces(colors, real, device)
+    table = wp.empty((n, n), dtype=vec4_of(real), device=device)
+    if generator == "approximate":
+        running = wp.array(cut.running(), dtype=wp.vec4d, device=device)
+        launch(make_approximate(real), n * n, [running, pieces.value, length, table], device, grain=n)
+        return [table]
+    moments = wp.empty_like(table) if weights else table
+    diagonal, incremental, brute = make_generators(real, weights or "none")
+    launch(diagonal, n, [pieces, length, table, moments], device, grain=n)
+    if generator == "brute":
+        launch(brute, n * n, [pieces, length, table, moments], device, grain=n)
+    else:
+        bins = _bins(n, device.alias)
+        launch(incremental, len(bins), [pieces, bins, length, table, moments], device, grain=16)
+    return [table, moments] if weights else [table]
 
 
 def _domain(tf: TransferFunction, domain: Sequence[float] | None) -> tuple[float, float]:
@@ -196,43 +389,84 @@ def _values(tf: TransferFunction, unit: float) -> NDArray[np.float64]:
     return np.concatenate([tf.colors, tf.knot_extinctions(unit)[:, None] * unit], axis=1)
 
 
-def _pieces(
-    tf: TransferFunction, n: int, unit: float, domain: tuple[float, float], real: Any, device: wp.Device
-) -> Any:
-    """The transfer function over the table's n - 1 intervals, cut at its knots; see ``kernels.table``."""
-    Pieces, _ = make_pieces(real)
-    precision = "float64" if real is wp.float64 else "float32"
-    grid = np.linspace(*domain, n)
-    inside = tf.knots[(tf.knots > domain[0]) & (tf.knots < domain[1])]
-    cuts = np.union1d(grid, inside)
-    first = np.searchsorted(cuts, grid).astype(np.int32)
-    width = np.diff(cuts) * ((n - 1) / (domain[1] - domain[0]))
+class _Cut:
+    """A transfer function over the n - 1 intervals of a table, cut into pieces at its own knots."""
 
-    pieces = Pieces()
-    pieces.first = wp.array(first, dtype=int, device=device)
-    pieces.width = wp.array(width.astype(precision), dtype=real, device=device)
-    pieces.low = _vec4(_limits(tf, cuts[:-1], "right", unit), real, device)
-    pieces.high = _vec4(_limits(tf, cuts[1:], "left", unit), real, device)
-    pieces.value = _vec4(_limits(tf, grid, "right", unit), real, device)
-    pieces.nodes = nodes_array(precision, device)
-    return pieces
+    def __init__(self, tf: TransferFunction, n: int, domain: tuple[float, float], unit: float):
+        self.tf, self.n = tf, n
+        self.grid = np.linspace(*domain, n)
+        inside = tf.knots[(tf.knots > domain[0]) & (tf.knots < domain[1])]
+        self.scalars = np.union1d(self.grid, inside)
+        self.first = np.searchsorted(self.scalars, self.grid)
+        self.width = np.diff(self.scalars) * ((n - 1) / (domain[1] - domain[0]))
+        # Extinction per ``unit``, the smallest voxel spacing [world length], at the pieces' low and high ends.
+        tau = tf.knot_extinctions(unit) * unit
+        self.extinctions = self._ends(tau)
+        self._grid_extinctions = _limits(tf.knots, tau, self.grid, "right")
+
+    def colors(self, factor: NDArray[np.float64] | None, white: bool = False) -> tuple[NDArray[np.float64], ...]:
+        """Colours at the pieces' low and high ends, their second-order coefficient, and colours at the table values.
+
+        Times a ``factor`` given at the knots, linear between them as the colours are: a product is quadratic.
+        """
+        rgb = np.ones_like(self.tf.colors) if white else self.tf.colors
+        low, high = self._ends(rgb)
+        at = _limits(self.tf.knots, rgb, self.grid, "right")
+        if factor is None:
+            return low, high, np.empty((0, 3)), at
+        k_low, k_high = (k[:, None] for k in self._ends(factor))
+        k_at = _limits(self.tf.knots, factor, self.grid, "right")[:, None]
+        curve = np.empty((0, 3)) if white else (high - low) * (k_high - k_low)
+        return low * k_low, high * k_high, curve, at * k_at
+
+    def pieces(self, colors: tuple[NDArray[np.float64], ...], real: Any, device: wp.Device) -> Any:
+        """The struct of ``kernels.table``."""
+        low, high, curve, at = colors
+        Pieces, _ = make_pieces(real)
+        precision = "float64" if real is wp.float64 else "float32"
+        pieces = Pieces()
+        pieces.first = wp.array(self.first.astype(np.int32), dtype=int, device=device)
+        pieces.width = wp.array(self.width.astype(precision), dtype=real, device=device)
+        pieces.low = _vec4(np.column_stack([low, self.extinctions[0]]), real, device)
+        pieces.high = _vec4(np.column_stack([high, self.extinctions[1]]), real, device)
+        pieces.curve = _vec4(np.column_stack([curve, np.zeros(len(curve))]), real, device)
+        pieces.value = _vec4(np.column_stack([at, self._grid_extinctions]), real, device)
+        pieces.nodes = nodes_array(precision, device)
+        return pieces
+
+    def running(self) -> NDArray[np.float64]:
+        """(n, 4): integrals of emission and extinction up to each table value, in intervals."""
+        line = RunningIntegrals(self)
+        step = (self.n - 1) / (self.grid[-1] - self.grid[0])
+        return step * np.column_stack([line.emission, line.extinction])[self.first]
+
+    def _ends(self, at_knots: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """What is given at the knots, at the low and high end of each piece, seen from inside it."""
+        return (
+            _limits(self.tf.knots, at_knots, self.scalars[:-1], "right"),
+            _limits(self.tf.knots, at_knots, self.scalars[1:], "left"),
+        )
 
 
-def _limits(tf: TransferFunction, s: NDArray[np.float64], side: str, unit: float) -> NDArray[np.float64]:
-    """(r, g, b, extinction per ``unit``) at scalars ``s``, at a jump the limit from the ``side``."""
-    values = _values(tf, unit)
+def _limits(
+    knots: NDArray[np.float64], values: NDArray[np.float64], s: NDArray[np.float64], side: Literal["left", "right"]
+) -> NDArray[np.float64]:
+    """``values`` at ``knots`` interpolated at ``s``, at a jump the limit from the ``side``."""
     # The interval [k, k + 1] of knots that s is in, as seen from the side.
-    k = np.clip(np.searchsorted(tf.knots, s, "right" if side == "right" else "left") - 1, 0, len(tf.knots) - 2)
-    width = tf.knots[k + 1] - tf.knots[k]
-    share = np.divide(s - tf.knots[k], width, out=np.full(len(s), float(side == "right")), where=width > 0)
-    share = np.clip(share, 0.0, 1.0)[:, None]
+    k = np.clip(np.searchsorted(knots, s, side) - 1, 0, len(knots) - 2)
+    width = knots[k + 1] - knots[k]
+    share = np.divide(s - knots[k], width, out=np.full(len(s), float(side == "right")), where=width > 0)
+    share = np.clip(share, 0.0, 1.0).reshape(-1, *[1] * (values.ndim - 1))
     return (1 - share) * values[k] + share * values[k + 1]
 
 
-def _bins(n: int) -> NDArray[np.int32]:
+@lru_cache(4)
+def _bins(n: int, alias: str) -> wp.array:
     """Work items (r, start) of incremental subrange integration, the long ones first."""
-    items = [np.stack(np.broadcast_arrays(r, np.arange(0, n - r, r)), axis=1) for r in range(n - 1, 0, -1)]
-    return np.concatenate(items).astype(np.int32)
+    count = (n - 1) // np.arange(n - 1, 0, -1)
+    r = np.repeat(np.arange(n - 1, 0, -1), count)
+    start = r * (np.arange(len(r)) - np.repeat(np.cumsum(count) - count, count))
+    return wp.array(np.stack([r, start], axis=1).astype(np.int32), dtype=wp.vec2i, device=alias)
 
 
 def _vec4(values: NDArray[np.float64], real: Any, device: wp.Device) -> wp.array:

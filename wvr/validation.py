@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 
-def finite_vector(value: Sequence[float], name: str, meaning: str) -> NDArray[np.float64]:
+def finite_vector(value: ArrayLike, name: str, meaning: str) -> NDArray[np.float64]:
     """``value`` as three finite float64 numbers; ``meaning`` says in the error what they are."""
     try:
         vector = np.array(value, np.float64)
@@ -31,7 +31,7 @@ def positive(value: Any, name: str) -> float:
     return number
 
 
-def choice(value: Any, name: str, accepted: Sequence[str]) -> str:
+def choice(value: Any, name: str, accepted: Sequence[str | None]) -> Any:
     """``value`` if it is one of ``accepted``."""
     if value not in accepted:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, accepted))}, got {value!r}")

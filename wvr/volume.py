@@ -6,7 +6,6 @@ single sample is one spacing thick, constant, and centred on that sample.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -58,8 +57,8 @@ class Volume:
     def __init__(
         self,
         array: Any,
-        spacing: Sequence[float] = (1.0, 1.0, 1.0),
-        origin: Sequence[float] = (0.0, 0.0, 0.0),
+        spacing: ArrayLike = (1.0, 1.0, 1.0),
+        origin: ArrayLike = (0.0, 0.0, 0.0),
         direction: ArrayLike | None = None,
         nan: Literal["error", "transparent"] = "error",
     ):
