@@ -3,8 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar, Protocol
 
 from .validation import choice, positive
+
+
+class Integrator(Protocol):
+    """What the renderer asks of an integrator."""
+
+    @property
+    def rule(self) -> str:
+        """Key of ``kernels.raycast.MARCHES``."""
+
+    @property
+    def steps(self) -> dict[str, float]:
+        """Fields of ``kernels.scene.Steps``."""
+
+    @property
+    def order(self) -> int:
+        """Order of convergence in the step on smooth integrands."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +50,11 @@ class Riemann:
         choice(self.rule, "rule", ("midpoint", "left", "trapezoid"))
 
     @property
+    def steps(self) -> dict[str, float]:
+        return {"step": self.step}
+
+    @property
     def order(self) -> int:
-        """Order of convergence in ``step`` on smooth integrands."""
         return 1 if self.rule == "left" else 2
 
 
@@ -67,6 +87,7 @@ class Preintegrated:
     oversampling: int = 1
     table_size: int | None = None
     generator: str = "incremental"
+    rule: ClassVar[str] = "preintegrated"
 
     def __post_init__(self) -> None:
         positive(self.step, "step")
@@ -77,11 +98,9 @@ class Preintegrated:
         choice(self.generator, "generator", ("incremental", "brute", "approximate"))
 
     @property
-    def order(self) -> int:
-        """Order of convergence in ``step`` on smooth integrands."""
-        return 1 if self.generator == "approximate" else 2
+    def steps(self) -> dict[str, float]:
+        return {"step": self.step / self.oversampling}
 
     @property
-    def segment(self) -> float:
-        """Length of a segment [smallest voxel spacing]."""
-        return self.step / self.oversampling
+    def order(self) -> int:
+        return 1 if self.generator == "approximate" else 2

@@ -13,11 +13,12 @@ import warp as wp
 from .camera import Camera, image_size
 from .color import linear_rgb
 from .image import Image
-from .integrators import Preintegrated, Riemann
+from .integrators import Integrator, Preintegrated, Riemann
 from .kernels.field import make_field
 from .kernels.precision import REALS, vec4_of
 from .kernels.ray import TILE, View, tiles
-from .kernels.raycast import Variant, make_raycast, make_scene
+from .kernels.raycast import make_raycast
+from .kernels.scene import Steps, Variant, make_scene
 from .launch import get_device, launch
 from .tables import nodes_array, table_array, table_struct, transfer_arrays
 from .transfer_function import TransferFunction
@@ -26,6 +27,7 @@ from .volume import Volume
 
 DEFAULT = Preintegrated(0.5)
 TERMINATION = 1 / 1024
+INTEGRATORS = (Riemann, Preintegrated)
 
 
 class Renderer:
@@ -61,7 +63,7 @@ class Renderer:
         volume: Volume,
         transfer_function: TransferFunction,
         *,
-        integrator: Riemann | Preintegrated | None = None,
+        integrator: Integrator | None = None,
         precision: str = "auto",
         device: Any = None,
         termination: float | None = None,
@@ -69,7 +71,7 @@ class Renderer:
     ):
         self.volume = volume
         self.transfer_function = transfer_function
-        self.integrator = DEFAULT if integrator is None else integrator
+        self.integrator: Integrator = DEFAULT if integrator is None else integrator
         self.precision = precision
         self.device = device
         self.termination = TERMINATION if termination is None else termination
@@ -93,25 +95,25 @@ class Renderer:
         device = get_device(self.device)
         precision = "float32" if self.precision == "auto" else self.precision
         real = REALS[precision]
-        rule = "preintegrated" if isinstance(self.integrator, Preintegrated) else self.integrator.rule
-        step = self.integrator.segment if isinstance(self.integrator, Preintegrated) else self.integrator.step
+        rule = self.integrator.rule
         variant = Variant(wp.dtype_from_numpy(self.volume.dtype), precision, rule, not self.volume.has_nonfinite)
         _check_memory(self.volume, width, height, device)
 
         scene = make_scene(variant)()
         shift = self._shift()
         scene.view = view(self.volume, camera, width, height)
+        scene.steps = self._steps()
         scene.field = self._field(variant, shift, device)
         scene.transfer = self._transfer(precision, shift, device)
         if rule == "preintegrated":
-            scene.table = self._table(precision, shift, step, device)
+            scene.table = self._table(precision, shift, device)
             scene.nodes = nodes_array(precision, device)
         rgba = wp.empty((height, width), dtype=vec4_of(real), device=device)
         samples = wp.empty((height, width), dtype=int, device=device)
         wp.synchronize_device(device)
         prepared = perf_counter()
-        inputs = [scene, step, 1.0 - self.termination, rgba, samples]
-        launch(make_raycast(variant), tiles(width, height) * int(TILE) ** 2, inputs, device, grain=int(TILE) ** 2)
+        tile = int(TILE) ** 2
+        launch(make_raycast(variant), tiles(width, height) * tile, [scene, rgba, samples], device, grain=tile)
         wp.synchronize_device(device)
         end = perf_counter()
         count = samples.numpy()
@@ -136,8 +138,9 @@ class Renderer:
         ):
             if not isinstance(value, accepted):
                 raise TypeError(f"{name} must be a {accepted.__name__}, got {type(value).__name__}")
-        if not isinstance(self.integrator, (Riemann, Preintegrated)):
-            raise TypeError(f"integrator must be a Riemann or Preintegrated, got {self.integrator!r}")
+        if not isinstance(self.integrator, INTEGRATORS):
+            names = ", ".join(kind.__name__ for kind in INTEGRATORS)
+            raise TypeError(f"integrator must be one of {names}, got {self.integrator!r}")
         choice(self.precision, "precision", ("auto", *REALS))
         if not 0 <= self.termination < 1:
             raise ValueError(f"termination must be in [0, 1), got {self.termination!r}")
@@ -151,6 +154,13 @@ class Renderer:
         knots = self.transfer_function.knots
         # Rounded, so that it is the same number in every precision.
         return float(np.float32(0.5 * (knots[0] + knots[-1])))
+
+    def _steps(self) -> Any:
+        steps = Steps()
+        steps.opaque = 1.0 - self.termination
+        for name, value in self.integrator.steps.items():
+            setattr(steps, name, value)
+        return steps
 
     def _keep(self, part: str, key: tuple, build: Any) -> Any:
         """``build()``, or what it made last for the same ``key``."""
@@ -173,12 +183,12 @@ class Renderer:
         key = (tf.key, unit, shift, precision, device.alias)
         return self._keep("transfer", key, lambda: transfer_arrays(tf, unit, shift, precision, device))
 
-    def _table(self, precision: str, shift: float, step: float, device: wp.Device) -> Any:
+    def _table(self, precision: str, shift: float, device: wp.Device) -> Any:
         assert isinstance(self.integrator, Preintegrated)
         tf, unit = self.transfer_function, self.volume.smallest_spacing
+        step, generator = self.integrator.steps["step"], self.integrator.generator
         n, domain = _table_shape(self.volume, self.integrator.table_size)
-        key = (tf.key, unit, step, n, domain, self.integrator.generator, precision, device.alias)
-        generator = self.integrator.generator
+        key = (tf.key, unit, step, n, domain, generator, precision, device.alias)
         rgba = self._keep("table", key, lambda: table_array(tf, n, step, unit, domain, generator, precision, device))
         return table_struct(rgba, domain, shift, precision)
 
@@ -189,7 +199,7 @@ def render(
     camera: Camera,
     size: tuple[int, int] = (512, 512),
     *,
-    integrator: Riemann | Preintegrated | None = None,
+    integrator: Integrator | None = None,
     background: str | Sequence[float] | None = None,
     precision: str = "auto",
     device: Any = None,

@@ -1,0 +1,151 @@
+"""The uniform walk: segments of one length from the entry point, with an exact last partial step.
+
+The rules say what a segment [a, a + h] contributes: constant colour and extinction sampled at its start ("left") or
+middle ("midpoint"), the mean extinction and emission of its ends ("trapezoid"), or the table entry of the scalars at
+its ends ("preintegrated").
+"""
+
+from functools import cache
+
+import warp as wp
+
+from .field import make_field
+from .precision import REALS, vec3_of, vec4_of
+from .scene import make_scene
+from .segment import make_interval, make_opacities, over, widened
+from .table import make_table
+from .transfer import make_transfer
+
+# A ray advances this many segments at a time, each phase for all of them: independent work that a CPU core overlaps.
+PACKET = 4
+
+
+@cache
+def make_linear_segment(real):
+    """``linear_segment(tf, nodes, front, back, length)`` -> vec4d: the scalar runs linearly from front to back.
+
+    Exact for any length: composed of the stretches between the transfer function's knots.
+    """
+    vec2 = wp.vec2d if real is wp.float64 else wp.vec2
+    Transfer, find, _ = make_transfer(real)
+    interval = make_interval(real)
+
+    @wp.func
+    def value(tf: Transfer, k: int, s: real):
+        return tf.value[k] + (s - tf.knot[k]) * tf.slope[k]
+
+    @wp.func
+    def linear_segment(tf: Transfer, nodes: wp.array(dtype=vec2), front: real, back: real, length: real):
+        k = find(tf, front)
+        end = find(tf, back)
+        step = wp.where(back < front, -1, 1)
+        segment = wp.vec4d()
+        s = front
+        while k != end:
+            # Upwards an interval ends where the next begins, downwards where it begins itself.
+            knot = tf.knot[wp.where(step > 0, k + 1, k)]
+            segment = over(
+                segment, interval(nodes, value(tf, k, s), value(tf, k, knot), length * (knot - s) / (back - front))
+            )
+            s = knot
+            k += step
+        share = length
+        if s != front:
+            share = length * (back - s) / (back - front)
+        return over(segment, interval(nodes, value(tf, k, s), value(tf, k, back), share))
+
+    return linear_segment
+
+
+@cache
+def make_uniform(variant):
+    """``march(scene, origin, direction, length)`` -> composite of the ray, and the number of its segments."""
+    real = REALS[variant.precision]
+    rule = variant.rule
+    finite = variant.finite
+    ends = rule in ("trapezoid", "preintegrated")  # the rule needs the scalar at both ends of a segment
+    vec3 = vec3_of(real)
+    vec4 = vec4_of(real)
+    packet = wp.types.vector(PACKET, real)
+    Scene = make_scene(variant)
+    _, value = make_field(variant.dtype, real)
+    _, _, classify = make_transfer(real)
+    _, lookup = make_table(real)
+    opacities = make_opacities(real, PACKET)
+    linear_segment = make_linear_segment(real)
+
+    @wp.func
+    def present(s: real):
+        """Whether there is data: a NaN or infinite sample makes its cells absent."""
+        if wp.static(finite):
+            return True
+        return wp.isfinite(s)
+
+    @wp.func
+    def sampled(scene: Scene, front: real, s: real):
+        """Colour and extinction that a point rule gives a segment; ``front`` and ``s`` are the scalars it uses."""
+        if wp.static(rule == "trapezoid"):
+            qf = classify(scene.transfer, front)
+            qb = classify(scene.transfer, s)
+            tau = qf[3] + qb[3]
+            q = vec4()
+            if tau > real(0.0):
+                q = (qf[3] * qf + qb[3] * qb) / tau
+                q[3] = real(0.5) * tau
+            return q
+        else:
+            return classify(scene.transfer, s)
+
+    @wp.func
+    def march(scene: Scene, origin: vec3, direction: vec3, length: real):
+        """Composite of the ray, and the number of its segments."""
+        step = real(scene.steps.step)
+        ray = wp.vec4d()
+        count = int(wp.ceil(length / step))
+        front = real(0.0)
+        if wp.static(ends):
+            front = value(scene.field, origin)
+        i = int(0)
+        while i < count and ray[3] <= scene.steps.opaque:
+            s = packet()
+            for l in range(wp.static(PACKET)):
+                a = wp.min(real(i + l) * step, length)
+                b = wp.min(real(i + l + 1) * step, length)
+                if wp.static(rule == "left"):
+                    b = a
+                elif wp.static(rule == "midpoint"):
+                    b = real(0.5) * (a + b)
+                s[l] = value(scene.field, origin + b * direction)
+            if wp.static(rule == "preintegrated"):
+                for l in range(wp.static(PACKET)):
+                    # The last step is what is left of the ray; lanes beyond have no length.
+                    h = wp.clamp(length - real(i + l) * step, real(0.0), step)
+                    if h > real(0.0) and present(front) and present(s[l]):
+                        if i + l < count - 1:
+                            ray = over(ray, widened(lookup(scene.table, front, s[l])))
+                        else:
+                            ray = over(ray, linear_segment(scene.transfer, scene.nodes, front, s[l], h))
+                    front = s[l]
+            else:
+                red = packet()
+                green = packet()
+                blue = packet()
+                depth = packet()
+                for l in range(wp.static(PACKET)):
+                    h = wp.clamp(length - real(i + l) * step, real(0.0), step)
+                    if present(front) and present(s[l]):
+                        q = sampled(scene, front, s[l])
+                        red[l] = q[0]
+                        green[l] = q[1]
+                        blue[l] = q[2]
+                        depth[l] = wp.max(q[3], real(0.0)) * h
+                    if wp.static(ends):
+                        front = s[l]
+                if wp.max(depth) > real(0.0):
+                    A = opacities(depth)
+                    for l in range(wp.static(PACKET)):
+                        ray = over(ray, widened(vec4(A[l] * red[l], A[l] * green[l], A[l] * blue[l], A[l])))
+            i += wp.static(PACKET)
+        return ray, wp.min(i, count)
+
+    return march
