@@ -123,9 +123,7 @@ def summarize(
     for name, runs in times.items():
         walls = [t.wall for t in runs]
         wall, cpu = median(walls), median(t.cpu for t in runs)
-        rows.append(
-            Row(group, name, len(runs), wall, min(walls), max(walls), cpu, wall / reference, extra(name, wall))
-        )
+        rows.append(Row(group, name, len(runs), wall, min(walls), max(walls), cpu, wall / reference, extra(name, wall)))
     return rows
 
 

@@ -24,7 +24,7 @@ POINTS = 16
 PATIENCE = 120.0  # seconds until a frame counts as hung
 
 
-class NotAvailable(Exception):
+class NotAvailableError(Exception):
     """VTK cannot render here; says why."""
 
 
@@ -81,15 +81,15 @@ class VtkCpu:
         try:
             self._connection.send(question)
             if not self._connection.poll(PATIENCE):
-                raise NotAvailable(f"no frame within {PATIENCE:g} s")
+                raise NotAvailableError(f"no frame within {PATIENCE:g} s")
             answer = self._connection.recv()
         except (EOFError, OSError):
             self._process.join()
-            raise NotAvailable(
+            raise NotAvailableError(
                 f"its process ended with exit code {self._process.exitcode} (off-screen OpenGL needs EGL or OSMesa)"
             ) from None
         if isinstance(answer, Exception):
-            raise NotAvailable(repr(answer))
+            raise NotAvailableError(repr(answer))
         return answer
 
 
@@ -124,14 +124,18 @@ class _Pixels:
 
 def _window(scene: _Plain, scale: int, threads: int) -> Any:
     """A render window with the scene: unshaded, sample distance 1, a transparent black background."""
+    import pyvista as pv
     import vtkmodules.vtkRenderingOpenGL2
     import vtkmodules.vtkRenderingVolumeOpenGL2  # noqa: F401, the OpenGL parts register themselves
-    from vtkmodules.vtkRenderingCore import vtkColorTransferFunction, vtkRenderer, vtkRenderWindow, vtkVolume
-    from vtkmodules.vtkRenderingCore import vtkVolumeProperty
     from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
+    from vtkmodules.vtkRenderingCore import (
+        vtkColorTransferFunction,
+        vtkRenderer,
+        vtkRenderWindow,
+        vtkVolume,
+        vtkVolumeProperty,
+    )
     from vtkmodules.vtkRenderingVolume import vtkFixedPointVolumeRayCastMapper
-
-    import pyvista as pv
 
     grid = pv.ImageData(dimensions=scene.samples.shape[::-1])
     grid.point_data["values"] = (scene.samples * np.min_scalar_type(255 * scale).type(scale)).ravel()

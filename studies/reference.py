@@ -9,8 +9,12 @@ transfer function make it first order.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import quad_vec
 
 from wvr import Camera, TransferFunction, Volume
 
@@ -116,3 +120,53 @@ def _crossings(volume: Volume, o: Floats, d: Floats, from_origin: bool) -> Float
             t = (np.arange(1, n - 1) - o[:, axis, None]) / d[:, axis, None]
         faces.append(np.where(np.isfinite(t), t, start[:, None]))
     return np.sort(np.clip(np.concatenate(faces, axis=1), start[:, None], end[:, None]), axis=1)
+
+
+def quadrature(
+    tf: TransferFunction,
+    front: float,
+    back: float,
+    length: float,
+    factor: Floats | None = None,
+    ramp: Callable[[float], float] = lambda t: 1.0,
+) -> Floats:
+    """The segment's integral by adaptive quadrature of float64 pieces between knots; optical depth in closed form.
+
+    ``factor`` at the knots multiplies colours, ``ramp`` weights by the share of the length behind; opacity is weighted
+    too, but not multiplied.
+    """
+    lo, hi = min(front, back), max(front, back)
+    cuts = np.unique(np.concatenate([[lo, hi], tf.knots[(tf.knots > lo) & (tf.knots < hi)]]))
+    factor = np.ones(len(tf.knots)) if factor is None else factor
+    materials = TransferFunction.from_arrays(tf.knots, np.stack([factor] * 3, axis=1), tf.opacities)
+    pieces = list(pairwise(cuts)) or [(lo, hi)]
+    if front > back:
+        pieces = [(b, a) for a, b in reversed(pieces)]
+    result, depth, before = np.zeros(4), 0.0, 0.0
+    for a, b in pieces:
+        share = (b - a) / (back - front) if back != front else 1.0
+        # The limits from inside the piece: at a jump the ends belong to their own side.
+        inner = a + (b - a) * np.array([0.25, 0.75])
+        (ta, tb), (ca, cb) = tf.extinction(inner), tf.color(inner)
+        ka, kb = materials.color(inner)[:, 0]
+        t0, t1 = max(ta - (tb - ta) / 2, 0.0), max(tb + (tb - ta) / 2, 0.0)
+        c0, c1 = ca - (cb - ca) / 2, cb + (cb - ca) / 2
+        k0, k1 = ka - (kb - ka) / 2, kb + (kb - ka) / 2
+        h = length * share
+        x = h * (t0 + t1) / 2
+
+        ends = np.append(c0, 1.0), np.append(c1, 1.0)
+
+        def emitted(u, t0=t0, t1=t1, ends=ends, k0=k0, k1=k1, h=h, at=before, s=share):
+            tau = t0 + (t1 - t0) * u
+            color = ends[0] + (ends[1] - ends[0]) * u
+            color[:3] *= k0 + (k1 - k0) * u
+            return color * tau * h * np.exp(-h * u * (t0 + (t1 - t0) * u / 2)) * ramp(at + s * u)
+
+        # Where a deep piece is opaque after a fraction of it, quadrature needs to be told where to look.
+        points = 10.0 ** np.arange(-8, 0) if x > 1 else None
+        value, _ = quad_vec(emitted, 0, 1, epsabs=1e-15, epsrel=1e-12, limit=4000, points=points)
+        result += np.exp(-depth) * value
+        depth += x
+        before += share
+    return result

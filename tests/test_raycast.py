@@ -8,9 +8,9 @@ from scipy.special import erf
 
 import wvr
 from studies import reference
+from studies.reference import quadrature
 
 from .conftest import max_error
-from .test_tables import quadrature
 
 INTEGRATORS = [
     wvr.Riemann(0.37),

@@ -5,10 +5,10 @@ import pytest
 import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from wvr.kernels.precision import REALS, vec4_of
-from wvr.kernels.transfer import make_transfer
 
 import wvr
+from wvr.kernels.precision import REALS, vec4_of
+from wvr.kernels.transfer import make_transfer
 from wvr.launch import get_device, launch
 from wvr.tables import transfer_arrays
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache, lru_cache
-from typing import Any, Literal
+from typing import Any, Literal, overload
 
 import numpy as np
 import warp as wp
@@ -245,6 +245,29 @@ class RunningIntegrals:
         return tau, start + ((u + v) / 2)[..., None] * slope + ((u * u + u * v + v * v) / 3)[..., None] * curve
 
 
+@overload
+def preintegrate(
+    tf: TransferFunction,
+    n: int = ...,
+    length: float | Sequence[float] = ...,
+    domain: tuple[float, float] | None = ...,
+    generator: Literal["incremental", "brute", "approximate"] = ...,
+    weights: str | None = ...,
+    device: Any = ...,
+    precision: str = ...,
+) -> Table: ...
+@overload
+def preintegrate(
+    tf: TransferFunction,
+    n: int = ...,
+    length: float | Sequence[float] = ...,
+    domain: tuple[float, float] | None = ...,
+    *,
+    generator: Literal["running"],
+    weights: str | None = ...,
+    device: Any = ...,
+    precision: str = ...,
+) -> RunningIntegrals: ...
 def preintegrate(
     tf: TransferFunction,
     n: int = 256,

@@ -1,0 +1,60 @@
+"""Brute-force pre-integration whose inner loop only composes: what the paper's baseline could have been."""
+# mypy: ignore-errors
+
+import warp as wp
+
+from wvr.kernels.segment import over
+from wvr.kernels.table import make_pieces
+from wvr.launch import launch
+from wvr.tables import _Cut
+
+
+def make_hoisted():
+    """Brute force with the opacity correction taken out of its inner loop: once an interval and entry length."""
+    Pieces, elementary = make_pieces(wp.float32)
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def intervals(
+        base: int, pieces: Pieces, length: float, up: wp.array(dtype=wp.vec4d), down: wp.array(dtype=wp.vec4d)
+    ):
+        k = wp.tid() + base
+        u = wp.vec4d()
+        d = wp.vec4d()
+        for p in range(pieces.first[k], pieces.first[k + 1]):
+            a, b, _ma, _mb = elementary(pieces, p, length)
+            u = over(u, a)
+            d = over(b, d)
+        up[k] = u
+        down[k] = d
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def compose(
+        base: int,
+        r: int,
+        up: wp.array(dtype=wp.vec4d),
+        down: wp.array(dtype=wp.vec4d),
+        table: wp.array2d(dtype=wp.vec4),
+    ):
+        i = wp.tid() + base
+        u = wp.vec4d()
+        d = wp.vec4d()
+        for k in range(i, i + r):
+            u = over(u, up[k])
+            d = over(down[k], d)
+        table[i, i + r] = wp.vec4(float(u[0]), float(u[1]), float(u[2]), float(u[3]))
+        table[i + r, i] = wp.vec4(float(d[0]), float(d[1]), float(d[2]), float(d[3]))
+
+    return intervals, compose
+
+
+def build_hoisted(kernels, cut: _Cut, device: wp.Device) -> wp.array:
+    """The table by :func:`make_hoisted`, without its diagonal."""
+    intervals, compose = kernels
+    n = cut.n
+    pieces = cut.pieces(cut.colors(None), wp.float32, device)
+    up, down = (wp.empty(n - 1, dtype=wp.vec4d, device=device) for _ in range(2))
+    table = wp.zeros((n, n), dtype=wp.vec4, device=device)
+    for r in range(1, n):
+        launch(intervals, n - 1, [pieces, 1.0 / r, up, down], device, grain=n)
+        launch(compose, n - r, [r, up, down, table], device, grain=16)
+    return table

@@ -1,0 +1,57 @@
+"""What the studies share: where results go, how they are written, and timing."""
+
+from __future__ import annotations
+
+import csv
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.harness import machine, write_json
+from wvr.image import whole_file
+
+OUT = Path("out/studies")
+
+Rows = Sequence[Mapping[str, Any]]
+
+
+def output(study: str) -> Path:
+    """The folder of a study's results, made if it is not there."""
+    folder = OUT / study
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def write_rows(folder: Path, name: str, title: str, rows: Rows) -> None:
+    """Print a table and write it as ``name.csv`` and, with the machine, ``name.json``."""
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    table = Table(*columns, title=title)
+    for row in rows:
+        table.add_row(*(_text(row.get(column)) for column in columns))
+    console = Console()
+    (console if console.is_terminal else Console(width=200)).print(table)
+    with whole_file(folder / f"{name}.csv") as file, file.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, columns)
+        writer.writeheader()
+        writer.writerows(rows)
+    write_json(folder / f"{name}.json", {"title": title, "machine": machine(), "rows": [dict(row) for row in rows]})
+
+
+def _text(value: Any) -> str:
+    return "" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def seconds(work: Callable[[], object], rounds: int = 5) -> float:
+    """Median wall seconds of ``work`` after one uncounted run."""
+    work()
+    times = []
+    for _ in range(rounds):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return median(times)
