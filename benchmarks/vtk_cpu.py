@@ -7,6 +7,8 @@ process, so it runs in another one, which stays and measures its own frames.
 from __future__ import annotations
 
 import multiprocessing
+import os
+import sys
 from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Any, NamedTuple
@@ -95,6 +97,9 @@ class VtkCpu:
 
 def _serve(connection: Connection, scene: _Plain, scale: int, threads: int) -> None:
     """Answers questions until the parent ends it."""
+    # Without a display VTK looks for X first, and may end the process.
+    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     try:
         window = _window(scene, scale, threads)
         pixels = _Pixels(window, scene.size)
@@ -171,9 +176,9 @@ def _window(scene: _Plain, scale: int, threads: int) -> Any:
     renderer.SetBackgroundAlpha(0)
     renderer.AddVolume(volume)
     camera = renderer.GetActiveCamera()
-    camera.SetPosition(scene.camera.position)
-    camera.SetFocalPoint(scene.camera.target)
-    camera.SetViewUp(scene.camera.up)
+    camera.SetPosition(*scene.camera.position)
+    camera.SetFocalPoint(*scene.camera.target)
+    camera.SetViewUp(*scene.camera.up)
     camera.SetViewAngle(scene.camera.view_angle)
     if scene.camera.parallel_scale is not None:
         camera.ParallelProjectionOn()

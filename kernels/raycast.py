@@ -8,6 +8,7 @@ from functools import cache
 
 import warp as wp
 
+from .adaptive import make_adaptive
 from .precision import REALS, vec3_of, vec4_of
 from .ray import entry, pixel
 from .scene import make_scene
@@ -18,6 +19,8 @@ MARCHES = {
     "midpoint": make_uniform,
     "trapezoid": make_uniform,
     "preintegrated": make_uniform,
+    "adaptive-coupled": make_adaptive,
+    "adaptive-decoupled": make_adaptive,
 }
 
 

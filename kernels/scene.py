@@ -20,6 +20,7 @@ class Variant:
     precision: str  # "float32" or "float64", of everything along a ray but the sums
     rule: str  # how a ray is integrated, a key of ``raycast.MARCHES``
     finite: bool  # no sample is NaN or infinite
+    traced: bool = False  # the steps of a ray are written down, by a march that has them
 
 
 @wp.struct
@@ -31,6 +32,19 @@ class Steps:
     longest: wp.float64
     tolerance: wp.float64
     opaque: wp.float64  # a ray ends when its opacity exceeds this
+
+
+@wp.struct
+class Step:
+    """A step that a ray took; lengths in units of the smallest voxel spacing, errors absolute in any channel."""
+
+    t: wp.float64  # where it starts
+    length: wp.float64
+    tolerance: wp.float64  # that of its length
+    depth_error: wp.float64  # estimate of the interval of the inner integral that it lies in, for its length
+    error: wp.float64  # estimate of the outer integral; 0 where nothing absorbs
+    forced: bool  # taken in spite of an estimate above the tolerance
+    rgba: wp.vec4d  # the ray's composite at its end
 
 
 @cache
@@ -58,4 +72,14 @@ def make_scene(variant):
         table: Table
         nodes: wp.array(dtype=vec2)
 
+    @wp.struct
+    class TracedScene:
+        view: View
+        steps: Steps
+        field: Field
+        transfer: Transfer
+        trace: wp.array(dtype=Step)
+
+    if variant.traced:
+        return TracedScene
     return TableScene if variant.rule == "preintegrated" else PointScene

@@ -1,0 +1,237 @@
+"""Adaptive Simpson's rule for both integrals of a ray: Algorithms 2 and 3 of Campagnolo, Celes and de Figueiredo,
+"Accurate Volume Rendering based on Adaptive Numerical Integration" (SIBGRAPI 2015).
+
+A step is sampled at its quarters. With S Simpson's rule over it and D over its halves, E = |D - S| / 15 decides whether
+it is taken, halved, or, after a second success, followed by a doubled one; what counts is D + (D - S) / 15, signed.
+The inner integral, optical depth, goes first; the interval it settles on is then covered by the outer one, of colour
+and opacity together, unless nothing absorbs in it. The tolerance of a step is proportional to its length, so what is
+compared is the error per length.
+
+Beyond the paper: t advances (Algorithm 3 leaves that out), a step that the end of its interval cuts short tells nothing
+about the next one's length, and a step's four channels are scaled to the opacity that its optical depth has, which
+keeps them in range where a step is forced however dense it is.
+
+Known wrong case: what lies between all five samples of a step is not seen, whatever the tolerance.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from .field import make_field
+from .precision import REALS, vec3_of, vec4_of
+from .scene import Step, make_scene
+from .segment import make_opacities, over, widened
+from .transfer import make_transfer
+
+
+@cache
+def make_adaptive(variant):
+    """``march(scene, origin, direction, length)`` -> composite of the ray, and the number of field evaluations.
+
+    A ``variant.traced`` march writes the steps it takes to ``scene.trace``.
+    """
+    real = REALS[variant.precision]
+    coupled = variant.rule == "adaptive-coupled"
+    finite = variant.finite
+    traced = variant.traced
+    vec3 = vec3_of(real)
+    vec4 = vec4_of(real)
+    Scene = make_scene(variant)
+    _, value = make_field(variant.dtype, real)
+    _, _, classify = make_transfer(real)
+    opacities = make_opacities(real, 4)
+
+    @wp.func
+    def sample(scene: Scene, p: vec3):
+        """Emission and extinction; nothing where a NaN or infinite sample makes data absent."""
+        s = value(scene.field, p)
+        if not wp.static(finite):
+            if not wp.isfinite(s):
+                return vec4()
+        q = classify(scene.transfer, s)
+        tau = wp.max(q[3], real(0.0))
+        return vec4(tau * q[0], tau * q[1], tau * q[2], tau)
+
+    @wp.func
+    def sampled(scene: Scene, origin: vec3, direction: vec3, t: wp.float64, step: wp.float64):
+        """Samples at the four quarters' ends of a step from ``t``."""
+        quarter = wp.float64(0.25) * step
+        return (
+            sample(scene, origin + real(t + quarter) * direction),
+            sample(scene, origin + real(t + wp.float64(2.0) * quarter) * direction),
+            sample(scene, origin + real(t + wp.float64(3.0) * quarter) * direction),
+            sample(scene, origin + real(t + step) * direction),
+        )
+
+    @wp.func
+    def halved(
+        scene: Scene, origin: vec3, direction: vec3, t: wp.float64, step: wp.float64, q0: vec4, q1: vec4, q2: vec4
+    ):
+        """Half the step, but no shorter than the shortest, its samples, and how many of them are new."""
+        half = wp.float64(0.5) * step
+        if half >= scene.steps.shortest:
+            quarter = wp.float64(0.25) * half
+            p1 = sample(scene, origin + real(t + quarter) * direction)
+            p3 = sample(scene, origin + real(t + wp.float64(3.0) * quarter) * direction)
+            return half, p1, q1, p3, q2, 2
+        step = scene.steps.shortest
+        p1, p2, p3, p4 = sampled(scene, origin, direction, t, step)
+        return step, p1, p2, p3, p4, 4
+
+    @wp.func
+    def mean(q0: vec4, q1: vec4, q2: vec4, q3: vec4, q4: vec4):
+        """D + (D - S) / 15 per length."""
+        return (
+            real(wp.static(7.0 / 90.0)) * (q0 + q4)
+            + real(wp.static(32.0 / 90.0)) * (q1 + q3)
+            + real(wp.static(12.0 / 90.0)) * q2
+        )
+
+    @wp.func
+    def error(q0: vec4, q1: vec4, q2: vec4, q3: vec4, q4: vec4):
+        """|D - S| / 15 per length, of each channel."""
+        return real(wp.static(1.0 / 180.0)) * wp.abs(real(4.0) * (q1 + q3) - real(6.0) * q2 - (q0 + q4))
+
+    @wp.func
+    def contribution(q0: vec4, q1: vec4, q2: vec4, q3: vec4, q4: vec4, step: real):
+        """Colour and opacity of a step, and the largest error of a channel per length."""
+        # Depths up to the samples, by Simpson's rule: at the quarters the areas under its own parabolas.
+        x = vec4()
+        x[1] = step * real(wp.static(1.0 / 12.0)) * (q0[3] + real(4.0) * q1[3] + q2[3])
+        x[0] = step * real(wp.static(1.0 / 48.0)) * (real(5.0) * q0[3] + real(8.0) * q1[3] - q2[3])
+        x[2] = x[1] + step * real(wp.static(1.0 / 48.0)) * (real(5.0) * q2[3] + real(8.0) * q3[3] - q4[3])
+        x[0] = wp.max(x[0], real(0.0))
+        x[2] = wp.max(x[2], real(0.0))
+        plain = mean(q0, q1, q2, q3, q4)
+        x[3] = step * plain[3]
+        A = opacities(x)
+        f1 = (real(1.0) - A[0]) * q1
+        f2 = (real(1.0) - A[1]) * q2
+        f3 = (real(1.0) - A[2]) * q3
+        f4 = (real(1.0) - A[3]) * q4
+        seen = mean(q0, f1, f2, f3, f4)
+        if step * seen[3] < real(0.5) * A[3]:
+            # Too dense for the exponential to be resolved: emission counts by extinction alone.
+            seen = plain
+        segment = vec4()
+        if A[3] > real(0.0):
+            segment = seen * (A[3] / seen[3])
+            segment[3] = A[3]
+        return widened(segment), wp.float64(wp.max(error(q0, f1, f2, f3, f4)))
+
+    @wp.func
+    def fitted(step: wp.float64, rest: wp.float64):
+        """``step``, but all that is left where that is less, or more by mere rounding."""
+        return wp.where(rest < step * wp.float64(1.000001), rest, step)
+
+    @wp.func
+    def grown(scene: Scene, step: wp.float64, succeeded: bool):
+        """The step after one that was taken."""
+        return wp.where(succeeded, wp.min(wp.float64(2.0) * step, scene.steps.longest), step)
+
+    @wp.func
+    def march(scene: Scene, origin: vec3, direction: vec3, length: real):
+        """Composite of the ray, and the number of field evaluations."""
+        end = wp.float64(length)
+        tolerance = scene.steps.tolerance / scene.steps.step
+        # Steps that rounding lets exceed the shortest are not halved.
+        shortest = scene.steps.shortest * wp.float64(1.00001)
+        ray = wp.vec4d()
+        inner = scene.steps.step
+        outer = scene.steps.step
+        inner_succeeded = bool(True)
+        outer_succeeded = bool(True)
+        taken = int(0)
+        t = wp.float64(0.0)
+        q0 = sample(scene, origin)
+        count = int(1)
+        while t < end and ray[3] <= scene.steps.opaque:
+            # The inner integral: as far as optical depth is within tolerance.
+            rest = fitted(inner, end - t)
+            cut = rest != inner
+            q1, q2, q3, q4 = sampled(scene, origin, direction, t, rest)
+            count += 4
+            depth_error = wp.float64(error(q0, q1, q2, q3, q4)[3])
+            while depth_error > tolerance and rest > shortest:
+                rest, q1, q2, q3, q4, new = halved(scene, origin, direction, t, rest, q0, q1, q2)
+                count += new
+                depth_error = wp.float64(error(q0, q1, q2, q3, q4)[3])
+                inner = rest
+                inner_succeeded = False
+                cut = False
+            if not cut:
+                inner = grown(scene, inner, inner_succeeded)
+            inner_succeeded = True
+            if rest >= end - t:
+                stop = end
+            else:
+                stop = t + rest
+            if q0[3] + q1[3] + q2[3] + q3[3] + q4[3] == real(0.0):
+                if wp.static(traced):
+                    record(scene, taken, t, rest, depth_error, wp.float64(0.0), False, ray)
+                    taken += 1
+                t = stop
+                q0 = q4
+                continue
+            # The outer integral over what the inner one settled on, whose samples are those of its first step.
+            if wp.static(coupled):
+                outer = rest
+                outer_succeeded = bool(True)
+            step = fitted(outer, rest)
+            if wp.static(not coupled):
+                if step < rest:
+                    q1, q2, q3, q4 = sampled(scene, origin, direction, t, step)
+                    count += 4
+            while rest > wp.float64(0.0):
+                segment, outer_error = contribution(q0, q1, q2, q3, q4, real(step))
+                # What is behind the ray's opacity counts for less.
+                outer_error *= wp.float64(1.0) - ray[3]
+                if outer_error > tolerance and step > shortest:
+                    step, q1, q2, q3, q4, new = halved(scene, origin, direction, t, step, q0, q1, q2)
+                    count += new
+                    outer = step
+                    outer_succeeded = False
+                else:
+                    ray = over(ray, segment)
+                    if wp.static(traced):
+                        forced = outer_error > tolerance or depth_error > tolerance
+                        record(scene, taken, t, step, depth_error, outer_error, forced, ray)
+                        taken += 1
+                    if step == outer:
+                        outer = grown(scene, outer, outer_succeeded)
+                    outer_succeeded = True
+                    t += step
+                    rest -= step
+                    q0 = q4
+                    step = fitted(outer, rest)
+                    if rest > wp.float64(0.0):
+                        q1, q2, q3, q4 = sampled(scene, origin, direction, t, step)
+                        count += 4
+            t = stop
+        return ray, count
+
+    @wp.func
+    def record(
+        scene: Scene,
+        taken: int,
+        t: wp.float64,
+        step: wp.float64,
+        depth_error: wp.float64,
+        outer_error: wp.float64,
+        forced: bool,
+        ray: wp.vec4d,
+    ):
+        """Write down a step taken from ``t``; errors are per length."""
+        if taken < scene.trace.shape[0]:
+            entry = Step()
+            entry.t = t
+            entry.length = step
+            entry.tolerance = scene.steps.tolerance / scene.steps.step * step
+            entry.depth_error = depth_error * step
+            entry.error = outer_error * step
+            entry.forced = forced
+            entry.rgba = ray
+            scene.trace[taken] = entry
+
+    return march
