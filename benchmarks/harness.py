@@ -83,6 +83,11 @@ class Result:
     machine: dict[str, Any]
 
 
+def integrator_name(integrator: wvr.Riemann | wvr.Preintegrated) -> str:
+    """As in code, without what is left at its default."""
+    return f"{type(integrator).__name__}({integrator.step})"
+
+
 def timed(work: Callable[[], object]) -> Contender:
     """``work`` as a contender of this process."""
 

@@ -13,11 +13,10 @@ from .precision import vec3_of
 
 
 @cache
-def make_field(dtype, real):
-    """The struct of a field of ``dtype`` samples, and ``value(field, p)`` -> ``real`` at index coordinates ``p``."""
+def make_corner(dtype, real):
+    """The struct of a field of ``dtype`` samples, and ``corner(field, i, j, k)`` -> ``real``, a sample less shift."""
     shifted = dtype in (wp.float16, wp.float32, wp.float64)
     shift_type = wp.float64 if dtype is wp.float64 else real
-    vec3 = vec3_of(real)
 
     @wp.struct
     class Field:
@@ -30,6 +29,15 @@ def make_field(dtype, real):
         if wp.static(shifted):
             return real(shift_type(field.data[k, j, i]) - field.shift)
         return real(field.data[k, j, i])
+
+    return Field, corner
+
+
+@cache
+def make_field(dtype, real):
+    """The struct of a field of ``dtype`` samples, and ``value(field, p)`` -> ``real`` at index coordinates ``p``."""
+    vec3 = vec3_of(real)
+    Field, corner = make_corner(dtype, real)
 
     @wp.func
     def value(field: Field, p: vec3):

@@ -46,6 +46,13 @@ def pixel(view: View, item: int):
     return x, y
 
 
+def item(width, x, y):
+    """The work item of a pixel: the inverse of ``pixel``."""
+    size = int(TILE)
+    tile = y // size * -(-width // size) + x // size
+    return (tile * size + y % size) * size + x % size
+
+
 @wp.func
 def entry(view: View, x: int, y: int):
     """Entry point and direction in index coordinates, and the length inside the box (<= 0: missed)."""

@@ -22,6 +22,7 @@ def make_transfer(real):
         knot: wp.array(dtype=real)  # (n + 1,) where interval k begins; that of interval 0 is never compared
         value: wp.array(dtype=vec4)  # (n + 1,) (r, g, b, extinction) at the knot
         slope: wp.array(dtype=vec4)  # (n + 1,) its slope in the interval
+        visible: wp.array(dtype=int)  # (n + 1,) first interval from k on with any extinction, n + 1 if there is none
         bins: wp.array(dtype=wp.vec2i)  # first interval that reaches into the bin, and one past the last
         low: real  # the bins' origin
         scale: real  # bins per scalar
@@ -46,3 +47,19 @@ def make_transfer(real):
         return tf.value[k] + (s - tf.knot[k]) * tf.slope[k]
 
     return Transfer, interval, classify
+
+
+@cache
+def make_transparent(real):
+    """``transparent(tf, low, high)``: whether there is no extinction at any scalar in [low, high]."""
+    Transfer, interval, _ = make_transfer(real)
+
+    @wp.func
+    def transparent(tf: Transfer, low: real, high: real):
+        end = interval(tf, high)
+        # Of an interval that is only touched where it begins, nothing else counts.
+        if end > 0 and high == tf.knot[end] and tf.value[end][3] == real(0.0):
+            end -= 1
+        return tf.visible[interval(tf, low)] > end
+
+    return transparent

@@ -1,8 +1,8 @@
 """The uniform walk: segments of one length from the entry point, with an exact last partial step.
 
 The rules say what a segment [a, a + h] contributes: constant colour and extinction sampled at its start ("left") or
-middle ("midpoint"), the mean extinction and emission of its ends ("trapezoid"), or the table entry of the scalars at
-its ends ("preintegrated").
+middle ("midpoint"), the mean extinction and emission of its ends ("trapezoid"), Simpson's rule for the depth and for
+the colour that is seen ("simpson"), or the table entry of the scalars at its ends ("preintegrated").
 """
 
 from functools import cache
@@ -63,7 +63,7 @@ def make_uniform(variant):
     real = REALS[variant.precision]
     rule = variant.rule
     finite = variant.finite
-    ends = rule in ("trapezoid", "preintegrated")  # the rule needs the scalar at both ends of a segment
+    ends = rule in ("trapezoid", "simpson", "preintegrated")  # the rule needs the scalar at both ends of a segment
     vec3 = vec3_of(real)
     vec4 = vec4_of(real)
     packet = wp.types.vector(PACKET, real)
@@ -82,9 +82,24 @@ def make_uniform(variant):
         return wp.isfinite(s)
 
     @wp.func
-    def sampled(scene: Scene, front: real, s: real):
-        """Colour and extinction that a point rule gives a segment; ``front`` and ``s`` are the scalars it uses."""
-        if wp.static(rule == "trapezoid"):
+    def sampled(scene: Scene, front: real, middle: real, s: real, h: real):
+        """Colour and extinction that a rule gives a segment of length h, from the scalars that it uses."""
+        if wp.static(rule == "simpson"):
+            qf = classify(scene.transfer, front)
+            qm = classify(scene.transfer, middle)
+            qb = classify(scene.transfer, s)
+            tau = (qf[3] + real(4.0) * qm[3] + qb[3]) * real(wp.static(1.0 / 6.0))
+            # The parabola through the three extinctions, up to the middle.
+            half = (real(5.0) * qf[3] + real(8.0) * qm[3] - qb[3]) * real(wp.static(1.0 / 24.0))
+            wm = real(4.0) * qm[3] * wp.exp(-wp.clamp(half, real(0.0), tau) * h)
+            wb = qb[3] * wp.exp(-tau * h)
+            seen = qf[3] + wm + wb
+            q = vec4()
+            if seen > real(0.0):
+                q = (qf[3] * qf + wm * qm + wb * qb) / seen
+                q[3] = tau
+            return q
+        elif wp.static(rule == "trapezoid"):
             qf = classify(scene.transfer, front)
             qb = classify(scene.transfer, s)
             tau = qf[3] + qb[3]
@@ -108,6 +123,7 @@ def make_uniform(variant):
         i = int(0)
         while i < count and ray[3] <= scene.steps.opaque:
             s = packet()
+            middle = packet()
             for l in range(wp.static(PACKET)):
                 a = wp.min(real(i + l) * step, length)
                 b = wp.min(real(i + l + 1) * step, length)
@@ -116,6 +132,8 @@ def make_uniform(variant):
                 elif wp.static(rule == "midpoint"):
                     b = real(0.5) * (a + b)
                 s[l] = value(scene.field, origin + b * direction)
+                if wp.static(rule == "simpson"):
+                    middle[l] = value(scene.field, origin + real(0.5) * (a + b) * direction)
             if wp.static(rule == "preintegrated"):
                 for l in range(wp.static(PACKET)):
                     # The last step is what is left of the ray; lanes beyond have no length.
@@ -133,8 +151,8 @@ def make_uniform(variant):
                 depth = packet()
                 for l in range(wp.static(PACKET)):
                     h = wp.clamp(length - real(i + l) * step, real(0.0), step)
-                    if present(front) and present(s[l]):
-                        q = sampled(scene, front, s[l])
+                    if present(front) and present(middle[l]) and present(s[l]):
+                        q = sampled(scene, front, middle[l], s[l], h)
                         red[l] = q[0]
                         green[l] = q[1]
                         blue[l] = q[2]

@@ -102,7 +102,7 @@ def _speed_chart(rows: list[dict]) -> Figure:
     for i, (key, label) in enumerate(
         (
             ("brute ratio", "brute force / incremental"),
-            ("hoisted ratio", "hoisted ratio"),
+            ("hoisted ratio", "brute force, corrections hoisted / incremental"),
             ("paper ratio", "paper (2004)"),
             ("n / 9", "n / 9"),
         )
@@ -199,8 +199,8 @@ def lookups(folder: Path, sizes: list[int], segments: int) -> None:
 def order_of_spikes(folder: Path, n: int) -> None:
     """Two opaque spikes: what neglecting self-attenuation does to the table."""
     tables = {
-        "incremental": wvr.preintegrate(SPIKES, n, 40.0, (0, 255)).rgba,
-        "approximate": wvr.preintegrate(SPIKES, n, 40.0, (0, 255), "approximate").rgba,
+        "incremental": wvr.preintegrate(SPIKES, n, 3.0, (0, 255)).rgba,
+        "approximate": wvr.preintegrate(SPIKES, n, 3.0, (0, 255), "approximate").rgba,
     }
     figure = Figure(figsize=(8, 3.6), layout="constrained")
     panels = figure.subplots(1, 3)

@@ -3,7 +3,7 @@
 from . import datasets, presets
 from .camera import Camera
 from .image import Image
-from .integrators import Preintegrated, Riemann
+from .integrators import AdaptiveSimpson, Preintegrated, Riemann
 from .io import read, read_raw
 from .launch import get_num_threads, set_num_threads
 from .renderer import Renderer, render
@@ -12,6 +12,7 @@ from .transfer_function import TransferFunction
 from .volume import Volume
 
 __all__ = [
+    "AdaptiveSimpson",
     "Camera",
     "Image",
     "Preintegrated",

@@ -7,6 +7,7 @@ import secrets
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
+from operator import index
 from pathlib import Path
 from typing import IO, Any
 
@@ -32,6 +33,8 @@ class Image:
     background
         What display and PNG files put behind the volume: a colour name, ``"#rrggbb"`` or three linear numbers; None,
         the default, leaves them transparent. ``rgba`` never has it.
+    tracer
+        What :meth:`trace` calls; None where the method has no steps to tell.
     """
 
     def __init__(
@@ -41,6 +44,7 @@ class Image:
         error_bound: NDArray[np.floating] | None = None,
         stats: dict[str, Any] | None = None,
         background: str | Sequence[float] | None = None,
+        tracer: Callable[[int, int], NDArray[np.void]] | None = None,
     ):
         if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.dtype not in (np.float32, np.float64):
             raise ValueError(f"rgba must be float32 or float64 (height, width, 4), got {rgba.dtype} {rgba.shape}")
@@ -54,12 +58,43 @@ class Image:
         self.error_bound = error_bound
         self.stats = {} if stats is None else stats
         self.background = background
+        self._tracer = tracer
 
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) in pixels."""
         height, width = self.rgba.shape[:2]
         return width, height
+
+    def trace(self, x: int, y: int) -> NDArray[np.void]:
+        """The steps of one ray, of an adaptive method.
+
+        Parameters
+        ----------
+        x, y
+            Column and row of the pixel, from the top left.
+
+        Returns
+        -------
+        structured array, one element a step
+            ``t`` where it starts and ``length``, in units of the smallest voxel spacing from where the ray enters the
+            volume; ``tolerance`` of a step of that length; the estimates ``depth_error`` (of optical depth) and
+            ``error`` (of any channel); ``forced``, whether it was taken in spite of an estimate above the tolerance;
+            ``rgba``, the ray's composite at its end. A ray that misses the volume has none.
+
+        Raises
+        ------
+        ValueError
+            For an image of a method without adaptive steps.
+        IndexError
+            For a pixel outside the image.
+        """
+        if self._tracer is None:
+            raise ValueError(f"trace needs an adaptive integrator, got {self.stats.get('integrator', 'none')}")
+        width, height = self.size
+        if not (0 <= index(x) < width and 0 <= index(y) < height):
+            raise IndexError(f"x, y must be a pixel of the {width} x {height} image, got {x!r}, {y!r}")
+        return self._tracer(index(x), index(y))
 
     def composited(self, background: str | Sequence[float]) -> NDArray[np.float64]:
         """Linear RGB in front of a background.

@@ -81,7 +81,7 @@ def get_device(device: Any = None) -> wp.Device:
         raise ValueError(f"device must be one of {there}, got {device!r} ({error})") from None
 
 
-def launch(kernel: wp.Kernel, items: int, inputs: list[Any], device: wp.Device, grain: int = 1) -> None:
+def launch(kernel: wp.Kernel, items: int, inputs: list[Any], device: wp.Device, grain: int = 1, first: int = 0) -> None:
     """Run ``kernel(base, *inputs)`` over ``items`` work items.
 
     Parameters
@@ -90,20 +90,22 @@ def launch(kernel: wp.Kernel, items: int, inputs: list[Any], device: wp.Device, 
         Its first argument is the index that ``wp.tid() == 0`` stands for; items write disjoint outputs.
     grain
         Items that a strip has a multiple of.
+    first
+        Index of the first item.
     """
     _load(kernel, device.alias)
     threads = get_num_threads()
     if device.is_cuda or threads == 1 or items <= grain:
-        wp.launch(kernel, items, [0, *inputs], device=device)
+        wp.launch(kernel, items, [first, *inputs], device=device)
         return
     strip = grain * max(1, -(-items // (grain * threads * STRIPS_PER_THREAD)))
-    starts = iter(range(0, items, strip))
+    starts = iter(range(first, first + items, strip))
 
     def run() -> None:
         # Arguments are packed once a thread; a strip then costs a few microseconds, not 50.
         command = wp.launch(kernel, strip, [0, *inputs], device=device, record_cmd=True)
         for base in starts:
-            command.set_dim(min(strip, items - base))
+            command.set_dim(min(strip, first + items - base))
             command.set_param_at_index(0, base)
             command.launch()
 

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from .camera import Camera, image_size
 from .color import linear_rgb
 from .image import Image
-from .integrators import Integrator, Preintegrated, Riemann
+from .integrators import AdaptiveSimpson, Integrator, Preintegrated, Riemann
 from .kernels.field import make_field
 from .kernels.precision import REALS, vec4_of
-from .kernels.ray import TILE, View, tiles
+from .kernels.ray import TILE, View, item, tiles
 from .kernels.raycast import make_raycast
-from .kernels.scene import Steps, Variant, make_scene
+from .kernels.scene import Step, Steps, Variant, make_scene
 from .launch import get_device, launch
 from .tables import nodes_array, table_array, table_struct, transfer_arrays
 from .transfer_function import TransferFunction
@@ -27,7 +29,7 @@ from .volume import Volume
 
 DEFAULT = Preintegrated(0.5)
 TERMINATION = 1 / 1024
-INTEGRATORS = (Riemann, Preintegrated)
+INTEGRATORS = (Riemann, Preintegrated, AdaptiveSimpson)
 
 
 class Renderer:
@@ -128,7 +130,14 @@ class Renderer:
             "precision": precision,
             "integrator": repr(self.integrator),
         }
-        return Image(rgba.numpy(), count, None, stats, self.background)
+        tracer = None
+        if isinstance(self.integrator, AdaptiveSimpson):
+            stats["tolerance_covers"] = (
+                f"the error estimate of a step of {self.integrator.h0:g} of the smallest voxel spacing, in proportion "
+                f"for others; not forced steps, nor what lies between samples"
+            )
+            tracer = _tracer(variant, scene, count, device)
+        return Image(rgba.numpy(), count, None, stats, self.background, tracer)
 
     def _check(self, camera: Camera) -> None:
         for name, value, accepted in (
@@ -273,6 +282,26 @@ def view(volume: Volume, camera: Camera, width: int, height: int) -> Any:
     result.to_index, result.unit = wp.mat33d(*to_index[:3, :3].ravel()), volume.smallest_spacing
     result.low, result.high = wp.vec3d(*low), wp.vec3d(*high)
     return result
+
+
+def _tracer(
+    variant: Variant, scene: Any, count: NDArray[np.int32], device: wp.Device
+) -> Callable[[int, int], NDArray[np.void]]:
+    """Steps of the ray of a pixel, by rendering it once more; a ray has no more steps than samples."""
+    variant = replace(variant, traced=True)
+
+    def trace(x: int, y: int) -> NDArray[np.void]:
+        traced = make_scene(variant)()
+        for name in ("view", "steps", "field", "transfer"):
+            setattr(traced, name, getattr(scene, name))
+        traced.trace = wp.zeros(int(count[y, x]), dtype=Step, device=device)
+        rgba = wp.empty(count.shape, dtype=vec4_of(REALS[variant.precision]), device=device)
+        samples = wp.empty(count.shape, dtype=int, device=device)
+        launch(make_raycast(variant), 1, [traced, rgba, samples], device, first=item(count.shape[1], x, y))
+        steps = traced.trace.numpy()
+        return steps[steps["length"] > 0]
+
+    return trace
 
 
 def _table_shape(volume: Volume, table_size: int | None) -> tuple[int, tuple[float, float]]:

@@ -47,10 +47,19 @@ def transfer_arrays(tf: TransferFunction, unit: float, shift: float, precision: 
     transfer.knot = wp.array(np.concatenate([knots[:1], knots]), dtype=real, device=device)
     transfer.value = _vec4(np.concatenate([values[:1], values]), real, device)
     transfer.slope = _vec4(np.concatenate([np.zeros((1, 4)), slopes, np.zeros((1, 4))]), real, device)
+    transfer.visible = wp.array(_next_visible(values[:, 3]), dtype=int, device=device)
     transfer.bins = wp.array(np.stack([begin, end], axis=1).astype(np.int32), dtype=wp.vec2i, device=device)
     transfer.low = first - shift
     transfer.scale = scale
     return transfer
+
+
+def _next_visible(extinctions: NDArray[np.float64]) -> NDArray[np.int32]:
+    """For each of the n + 1 intervals of n knots, the first from it on that has any extinction, n + 1 if none."""
+    ends = np.concatenate([extinctions[:1], extinctions, extinctions[-1:]])
+    k = np.arange(len(ends) - 1)
+    own = np.where((ends[:-1] > 0) | (ends[1:] > 0), k, len(k))
+    return np.minimum.accumulate(own[::-1])[::-1].astype(np.int32)
 
 
 def table_array(

@@ -1,0 +1,79 @@
+"""``python -m benchmarks``: measure, show the tables, and write them with the charts."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Annotated
+
+from cyclopts import App, Parameter
+from cyclopts.validators import Number
+from rich.console import Console
+
+from . import cold, peers, throughput
+from .harness import Settings, markdown, rich_table, save, save_figure
+
+ENTRIES: dict[str, ModuleType] = {"throughput": throughput, "peers": peers, "cold": cold}
+RECORDED = Path(__file__).parent / "results"
+# Of all charts, the one that reports show.
+RECORDED_CHART = "peers.png"
+
+app = App(name="benchmarks", help_format="plaintext")
+
+
+@app.default
+def run(
+    *names: str,
+    rounds: Annotated[int, Parameter(validator=Number(gte=1))] = 5,
+    quick: bool = False,
+    out: Path = Path("out/benchmarks"),
+    record: str | None = None,
+) -> None:
+    """Measure wvr's speed and accuracy.
+
+    Parameters
+    ----------
+    names
+        What to measure: throughput, peers, cold; all by default.
+    rounds
+        How often each contender runs.
+    quick
+        Small scenes, to try the benchmarks themselves.
+    out
+        Folder for tables (JSON, Markdown), charts (PNG, SVG) and the reference's pixels, which are kept.
+    record
+        Also copy the tables and the chart of the peers to the folder of this name in benchmarks/results.
+    """
+    if unknown := sorted(set(names) - set(ENTRIES)):
+        raise ValueError(f"names must be of {', '.join(ENTRIES)}, got {', '.join(unknown)}")
+    settings = Settings(rounds, quick, out)
+    out.mkdir(parents=True, exist_ok=True)
+    console = Console()
+    for name in names or ENTRIES:
+        entry = ENTRIES[name]
+        with console.status(f"measuring {name}"):
+            result = entry.measure(settings)
+        console.print(rich_table(result))
+        for note in result.notes:
+            console.print(f"- {note}", highlight=False, markup=False)
+        save(result, out / f"{name}.json")
+        (out / f"{name}.md").write_text(markdown(result), encoding="utf-8")
+        files = [out / f"{name}.json", out / f"{name}.md"]
+        for stem, figure in entry.charts(result).items():
+            save_figure(figure, out / stem)
+            files.append(out / f"{stem}.png")
+        if record is not None:
+            folder = RECORDED / record
+            folder.mkdir(parents=True, exist_ok=True)
+            for file in files:
+                if file.suffix != ".png" or file.name == RECORDED_CHART:
+                    shutil.copy(file, folder)
+
+
+if __name__ == "__main__":
+    try:
+        app()
+    except ValueError as error:
+        sys.exit(str(error))

@@ -1,0 +1,93 @@
+"""wvr and what else a Python user has on a CPU: time a frame and error against the true image."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+import wvr
+
+from . import numpy_marcher
+from .harness import (
+    Contender,
+    Result,
+    Row,
+    Settings,
+    errors_against_time,
+    integrator_name,
+    interleave,
+    machine,
+    summarize,
+    timed,
+)
+from .scenes import CONVERGED, Scene, make_scenes, truth
+from .vtk_cpu import NotAvailableError, VtkCpu
+
+INTEGRATORS = (wvr.Riemann(1.0), wvr.Riemann(0.5), wvr.Preintegrated(1.0), wvr.Preintegrated(0.5))
+BASELINE = "wvr Riemann(1.0)"
+NUMPY = "NumPy and SciPy, step 1"
+# What uint8 samples are multiplied by.
+VTK = {"VTK, uint8, step 1": 1, "VTK, uint16, step 1": 257}
+
+
+def measure(settings: Settings) -> Result:
+    """Wall and CPU seconds a frame, and errors over all channels of random pixels."""
+    scenes = [scene for scene in make_scenes(settings.quick) if scene.camera.parallel or not settings.quick]
+    missing: dict[str, str] = {}
+    rows: list[Row] = []
+    for scene in scenes:
+        rows += _compare(scene, settings, missing)
+    width, height = scenes[0].size
+    notes = [
+        f"Errors are absolute, of linear premultiplied RGBA in [0, 1], over {settings.pixels} random pixels, against a "
+        f"float64 reference that refining moves by less than {CONVERGED:g}.",
+        "wvr ends rays at a transparency of 1/1024, its default, and VTK where its fixed point does; NumPy does not.",
+        "VTK's time includes drawing its image with OpenGL and reading it back, in 8 bits a channel.",
+        f"{NUMPY} has fewer runs, because it is slow.",
+        *(f"{name}: not available: {reason}." for name, reason in missing.items()),
+    ]
+    title = f"Peers on the CPU, {wvr.get_num_threads()} threads: {width} x {height} pixels of {scenes[0].volume}"
+    return Result("peers", title, BASELINE, rows, notes, machine())
+
+
+def charts(result: Result) -> dict[str, Figure]:
+    """By file name."""
+    return {"peers": errors_against_time(result)}
+
+
+def _compare(scene: Scene, settings: Settings, missing: dict[str, str]) -> list[Row]:
+    """The rows of a scene; ``missing`` collects who cannot run, and why."""
+    true = truth(scene, settings.pixels, settings.out)
+    images: dict[str, NDArray] = {}
+
+    def contender(name: str, render: Callable[[], NDArray]) -> Contender:
+        def work() -> None:
+            images[name] = render()
+
+        return timed(work)
+
+    contenders = {}
+    for integrator in INTEGRATORS:
+        name = f"wvr {integrator_name(integrator)}"
+        renderer = wvr.Renderer(scene.volume, scene.transfer_function, integrator=integrator, device="cpu")
+        contenders[name] = contender(name, lambda r=renderer: r.render(scene.camera, scene.size).rgba)  # type: ignore[misc]
+    contenders[NUMPY] = contender(NUMPY, lambda: numpy_marcher.render(scene))
+    with ExitStack() as stack:
+        started = {
+            name: stack.enter_context(VtkCpu(scene, scale, wvr.get_num_threads()))
+            for name, scale in VTK.items()
+            if name not in missing
+        }
+        for name, vtk in started.items():
+            try:
+                vtk.frame()
+                contenders[name] = vtk.frame
+            except NotAvailableError as error:
+                missing[name] = str(error)
+        # The first and, of five, no other: a frame takes a minute of what the others do in a second.
+        times = interleave(contenders, settings.rounds, {NUMPY: settings.rounds})
+        images |= {name: vtk.image() for name, vtk in started.items() if name in contenders}
+    return summarize(scene.label, times, BASELINE, lambda name, wall: dict(true.errors(images[name])))

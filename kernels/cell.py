@@ -1,0 +1,129 @@
+"""The field inside one cell: its eight corners, and the cubic that it is along a ray, in float64.
+
+With the ray's position linear in t, trilinear interpolation is ``s(t) = c0 + c1 t + c2 t^2 + c3 t^3``, a vec4d. What
+is found along it is found by bracketing: a bound of the result never depends on how an iteration behaves.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from .field import make_corner
+
+vec5d = wp.types.vector(5, wp.float64)
+vec8d = wp.types.vector(8, wp.float64)
+
+SIXTH = wp.constant(wp.float64(1 / 6))
+QUARTER = wp.constant(wp.float64(1 / 4))
+
+
+@cache
+def make_corners(dtype):
+    """The struct of a field and ``corners(field, i, j, k)`` -> vec8d: samples of a cell, x fastest, less the shift."""
+    Field, corner = make_corner(dtype, wp.float64)
+
+    @wp.func
+    def corners(field: Field, i: int, j: int, k: int):
+        return vec8d(
+            corner(field, i, j, k),
+            corner(field, i + 1, j, k),
+            corner(field, i, j + 1, k),
+            corner(field, i + 1, j + 1, k),
+            corner(field, i, j, k + 1),
+            corner(field, i + 1, j, k + 1),
+            corner(field, i, j + 1, k + 1),
+            corner(field, i + 1, j + 1, k + 1),
+        )
+
+    return Field, corners
+
+
+@wp.func
+def cubic(c: vec8d, p: wp.vec3d, d: wp.vec3d):
+    """Coefficients of the field at ``p + t d``, ``p`` from the cell's first corner."""
+    x00 = c[1] - c[0]
+    x10 = c[3] - c[2]
+    x01 = c[5] - c[4]
+    x11 = c[7] - c[6]
+    v00 = c[0] + p[0] * x00
+    v01 = c[4] + p[0] * x01
+    y0 = c[2] + p[0] * x10 - v00
+    y1 = c[6] + p[0] * x11 - v01
+    v0 = v00 + p[1] * y0
+    z = v01 + p[1] * y1 - v0
+    # Mixed differences at p.
+    xy0 = x10 - x00
+    xyz = x11 - x01 - xy0
+    xy = xy0 + p[2] * xyz
+    x0 = x00 + p[1] * xy0
+    xz = x01 - x00 + p[1] * xyz
+    yz = y1 - y0
+    x = x0 + p[2] * xz
+    y = y0 + p[2] * yz
+    return wp.vec4d(
+        v0 + p[2] * z,
+        x * d[0] + y * d[1] + z * d[2],
+        xy * d[0] * d[1] + xz * d[0] * d[2] + yz * d[1] * d[2],
+        xyz * d[0] * d[1] * d[2],
+    )
+
+
+@wp.func
+def at(c: wp.vec4d, t: wp.float64):
+    """The cubic at t."""
+    return c[0] + t * (c[1] + t * (c[2] + t * c[3]))
+
+
+@wp.func
+def moved(c: wp.vec4d, t: wp.float64):
+    """The cubic about t: its value at ``u`` is that of ``c`` at ``t + u``."""
+    three = wp.float64(3.0)
+    return wp.vec4d(
+        at(c, t), c[1] + t * (wp.float64(2.0) * c[2] + t * three * c[3]), c[2] + t * three * c[3], c[3]
+    )
+
+
+@wp.func
+def turns(c: wp.vec4d, end: wp.float64):
+    """Where the cubic turns inside (0, end), in order; ``end`` in place of those that are not there."""
+    # Roots of c1 + 2 c2 t + 3 c3 t^2, without cancellation.
+    first = end
+    second = end
+    a = wp.float64(3.0) * c[3]
+    discriminant = c[2] * c[2] - a * c[1]
+    if discriminant > wp.float64(0.0):
+        q = -(c[2] + wp.where(c[2] < wp.float64(0.0), -wp.sqrt(discriminant), wp.sqrt(discriminant)))
+        # Compared without dividing: there may be no quadratic or linear term to divide by.
+        if wp.abs(c[1]) < wp.abs(q) * end and c[1] * q > wp.float64(0.0):
+            first = c[1] / q
+        if wp.abs(q) < wp.abs(a) * end and q * a > wp.float64(0.0):
+            second = q / a
+    return wp.min(first, second), wp.max(first, second)
+
+
+@wp.func
+def zero(p: vec5d, start: wp.float64, end: wp.float64, guess: wp.float64, sign: wp.float64):
+    """Where a quartic monotone on [start, end] is zero; ``sign`` is 1 if it rises. The nearer end if it has no zero."""
+    low = start
+    high = end
+    t = wp.clamp(guess, start, end)
+    for _ in range(100):
+        value = p[0] + t * (p[1] + t * (p[2] + t * (p[3] + t * p[4])))
+        if value * sign > wp.float64(0.0):
+            high = t
+        else:
+            low = t
+        slope = p[1] + t * (
+            wp.float64(2.0) * p[2] + t * (wp.float64(3.0) * p[3] + t * wp.float64(4.0) * p[4])
+        )
+        # A Newton step, or half the bracket where that would leave it.
+        step = wp.float64(0.0)
+        if slope != wp.float64(0.0):
+            step = value / slope
+        next = t - step
+        if slope * sign <= wp.float64(0.0) or next < low or next > high:
+            next = low + wp.float64(0.5) * (high - low)
+        if wp.abs(next - t) <= wp.float64(2.0e-16) * end:
+            return next
+        t = next
+    return t
