@@ -79,16 +79,12 @@ def make_generators(real, weights):
     vec4 = vec4_of(real)
     Pieces, elementary = make_pieces(real)
     absorbed, _ = make_absorbed(real)
+    shares = make_shares(real)
     weighted = weights != "none"
 
     @wp.func
     def rounded(segment: wp.vec4d):
         return vec4(real(segment[0]), real(segment[1]), real(segment[2]), real(segment[3]))
-
-    @wp.func
-    def beyond(segment: wp.vec4d, moment: wp.vec4d, width: wp.float64):
-        """The moment of a segment about a point ``width`` before its start."""
-        return moment + width * segment
 
     @wp.func
     def back_weighted(segment: wp.vec4d, moment: wp.vec4d, origin: int, r: int):
@@ -164,8 +160,8 @@ def make_generators(real, weights):
                 m = over_moment(low, widened(moments[i, j]), wp.float64(r - o), up, up_moment)
                 w = over_moment(down, down_moment, wp.float64(o), high, widened(moments[j, i]))
                 if wp.static(weights == "lum"):
-                    m = beyond(rise, m, wp.float64(i))
-                    w = beyond(fall, w, wp.float64(n - 1 - j))
+                    m += wp.float64(i) * rise
+                    w += wp.float64(n - 1 - j) * fall
                 moments[i, j] = back_weighted(rise, m, i, r)
                 moments[j, i] = back_weighted(fall, w, n - 1 - j, r)
 
@@ -212,25 +208,9 @@ def make_generators(real, weights):
         emission[3] = real(1.0)
         table[i, i] = absorbed(depth) * emission
         if wp.static(weighted):
-            # The ramp is in ray length: int u dA = A/depth - T.
-            moments[i, i] = even(depth) * emission
-
-    @wp.func
-    def even(depth: real):
-        if depth < real(wp.static(0.05 if real is wp.float32 else 1e-3)):
-            return depth * (
-                real(0.5)
-                - depth
-                * (
-                    real(wp.static(1.0 / 3.0))
-                    - depth
-                    * (
-                        real(0.125)
-                        - depth * real(wp.static(1.0 / 30.0)) * (real(1.0) - depth * real(wp.static(5.0 / 24.0)))
-                    )
-                )
-            )
-        return absorbed(depth) / depth - wp.exp(-depth)
+            # The ramp is in ray length.
+            _A, U, _D = shares(pieces.nodes, depth, depth)
+            moments[i, i] = U[0] * emission
 
     return diagonal, incremental, brute
 

@@ -1,6 +1,5 @@
 """Threads and devices: settings, what is refused, and that strips cover all items once."""
 
-import logging
 import subprocess
 import sys
 
@@ -80,4 +79,3 @@ def test_first_compile_is_logged(tmp_path):
         assert run.returncode == 0 and run.stdout == "", run.stderr
         logs.append(run.stderr.count("wvr: compiling the kernel"))
     assert logs == [1, 0]
-    assert logging.getLogger("wvr").level == logging.NOTSET
