@@ -51,6 +51,8 @@ def run(
     settings = Settings(rounds, quick, out)
     out.mkdir(parents=True, exist_ok=True)
     console = Console()
+    if not console.is_terminal:
+        console.width = 160
     for name in names or ENTRIES:
         entry = ENTRIES[name]
         with console.status(f"measuring {name}"):

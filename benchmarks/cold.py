@@ -52,13 +52,12 @@ def measure(settings: Settings) -> Result:
         # Compiling takes long: the first run and, of five, the last.
         every = {name: max(1, settings.rounds - 1) for name in contenders if name.endswith(EMPTY)}
         rows = summarize("new process", interleave(contenders, settings.rounds, every), BASELINE)
-    width, height = scene.size
     notes = [
         "Each run is a new process, timed from its first statement on, without the start of Python itself.",
-        f"First image: import wvr, load the volume of scene {scene.name}, render {width} x {height} pixels. With an "
-        "empty cache the kernel is compiled, with a warm one loaded.",
+        f"First image: import wvr, load the volume of scene {scene.name}, render. With an empty cache the kernel is "
+        "compiled, with a warm one loaded.",
     ]
-    return Result("cold", f"Until the first image, on the CPU: {scene.volume}", BASELINE, rows, notes, machine())
+    return Result("cold", f"Until the first image, on the CPU: {scene.measures}", BASELINE, rows, notes, machine())
 
 
 def charts(result: Result) -> dict[str, Figure]:
@@ -73,7 +72,9 @@ def _process(work: str, folder: Path, empty: bool = False) -> Contender:
         with TemporaryDirectory() as new:
             environment = {**os.environ, "WARP_CACHE_PATH": new if empty else str(folder / "cache")}
             command = [sys.executable, "-c", CHILD.format(work=work)]
-            child = subprocess.run(command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+            child = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+        if child.returncode != 0:
+            raise RuntimeError(child.stderr)
         return Time(*json.loads(child.stdout.splitlines()[-1]))
 
     return run

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from rich.table import Table
 
 import wvr
@@ -261,15 +262,18 @@ def markdown(result: Result) -> str:
 
 
 def bars(result: Result, value: Callable[[Row], tuple[float, float, float]], label: str) -> Figure:
-    """A horizontal bar for each row, grouped; ``value(row)`` is its median and the ends of its range."""
+    """A horizontal bar for each row, grouped; ``value(row)`` is its median and the ends of its range.
+
+    A single group has its contenders' names at the axis instead of a legend.
+    """
     groups = list(dict.fromkeys(row.group for row in result.rows))
     names = list(dict.fromkeys(row.name for row in result.rows))
     figure = Figure(figsize=(7, 1.2 + 0.24 * len(result.rows) + 0.3 * len(groups)), layout="constrained")
     axes = figure.subplots()
-    ticks, y = [], 0.0
+    middles, y = [], 0.0
     for group in groups:
         rows = [row for row in result.rows if row.group == group]
-        ticks.append(y + (len(rows) - 1) / 2)
+        middles.append(y + (len(rows) - 1) / 2)
         for row in rows:
             middle, low, high = value(row)
             i = names.index(row.name)
@@ -278,12 +282,15 @@ def bars(result: Result, value: Callable[[Row], tuple[float, float, float]], lab
             handle.set_label(row.name if not any(h == row.name for h in axes.get_legend_handles_labels()[1]) else "_")
             y += 1
         y += 0.7
-    axes.set_yticks(ticks, groups)
+    if len(groups) > 1:
+        axes.set_yticks(middles, groups)
+        figure.legend(loc="outside upper center", ncols=3, frameon=False, fontsize="small")
+    else:
+        axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
     axes.set_xlabel(label)
     axes.grid(axis="x", color="0.9")
     axes.set_axisbelow(True)
-    figure.legend(loc="outside upper center", ncols=3, frameon=False, fontsize="small")
     return figure
 
 
@@ -304,7 +311,12 @@ def errors_against_time(result: Result) -> Figure:
             axes.plot(row.wall, row.extra["max error"], label=row.name, **style)
             axes.plot(row.wall, row.extra["mean error"], fillstyle="none", **style)
         axes.set(xscale="log", yscale="log", title=group)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(color="0.9")
+    for axes in panels.flat[len(groups) :]:
+        axes.set_visible(False)
     figure.supxlabel("Time a frame, wall clock [s]")
     figure.supylabel("Absolute error of premultiplied RGBA (filled: max, open: mean)", fontsize="medium")
     handles, labels = panels.flat[0].get_legend_handles_labels()

@@ -40,7 +40,6 @@ def measure(settings: Settings) -> Result:
     rows: list[Row] = []
     for scene in scenes:
         rows += _compare(scene, settings, missing)
-    width, height = scenes[0].size
     notes = [
         f"Errors are absolute, of linear premultiplied RGBA in [0, 1], over {settings.pixels} random pixels, against a "
         f"float64 reference that refining moves by less than {CONVERGED:g}.",
@@ -49,7 +48,7 @@ def measure(settings: Settings) -> Result:
         f"{NUMPY} has fewer runs, because it is slow.",
         *(f"{name}: not available: {reason}." for name, reason in missing.items()),
     ]
-    title = f"Peers on the CPU, {wvr.get_num_threads()} threads: {width} x {height} pixels of {scenes[0].volume}"
+    title = f"Peers on the CPU, {wvr.get_num_threads()} threads: {scenes[0].measures}"
     return Result("peers", title, BASELINE, rows, notes, machine())
 
 
@@ -87,7 +86,7 @@ def _compare(scene: Scene, settings: Settings, missing: dict[str, str]) -> list[
                 contenders[name] = vtk.frame
             except NotAvailableError as error:
                 missing[name] = str(error)
-        # The first and, of five, no other: a frame takes a minute of what the others do in a second.
+        # In the first round only: a frame takes as long as dozens of the others.
         times = interleave(contenders, settings.rounds, {NUMPY: settings.rounds})
         images |= {name: vtk.image() for name, vtk in started.items() if name in contenders}
     return summarize(scene.label, times, BASELINE, lambda name, wall: dict(true.errors(images[name])))

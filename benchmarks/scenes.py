@@ -42,6 +42,12 @@ class Scene:
         """Name and projection."""
         return f"{self.name} {'parallel' if self.camera.parallel else 'perspective'}"
 
+    @property
+    def measures(self) -> str:
+        """Sizes of image and volume."""
+        nx, ny, nz = self.volume.dimensions
+        return f"{self.size[0]} x {self.size[1]} pixels of {nx} x {ny} x {nz} {self.volume.dtype}"
+
 
 @dataclass(frozen=True)
 class Truth:

@@ -51,8 +51,7 @@ def measure(settings: Settings) -> Result:
         f"All threads: {threads}. Scaling: how many times faster than one.",
         "No early termination: every ray walks through the whole volume. A sample is a segment of length 1.",
     ]
-    width, height = scenes[0].size
-    title = f"Throughput on the CPU: {width} x {height} pixels of {scenes[0].volume}"
+    title = f"Throughput on the CPU: {scenes[0].measures}"
     return Result("throughput", title, BASELINE, rows, notes, machine())
 
 

@@ -58,12 +58,14 @@ def make_absorbed(real):
     """``absorbed(x)`` = 1 - exp(-x) for x >= 0, relatively accurate (Warp has no expm1), and ``thin(x)`` below THIN."""
     # The series x (1 - x/2 (1 - x/3 (...))), cut where the next term rounds to nothing.
     terms = 7 if real is wp.float32 else 13
+    # A constant, not wp.static of the loop's variable: that would change the module's hash once it was evaluated.
+    inverse = wp.constant(wp.types.vector(terms - 1, real)(*(1.0 / (terms - i) for i in range(terms - 1))))
 
     @wp.func
     def thin(x: real):
         series = real(1.0)
         for i in range(wp.static(terms - 1)):
-            series = real(1.0) - x * real(wp.static(1.0 / (terms - i))) * series
+            series = real(1.0) - x * inverse[i] * series
         return x * series
 
     @wp.func

@@ -66,16 +66,18 @@ def test_import_starts_and_prints_nothing():
     assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
 
 
-def test_first_compile_is_logged(tmp_path):
+def test_kernels_compile_once_and_say_so(tmp_path):
+    """A second process finds all of them, though it uses them in another order."""
     code = (
-        "import logging, numpy as np, wvr; logging.basicConfig(level='INFO', format='%(name)s: %(message)s');"
+        "import logging, sys, numpy as np, wvr; logging.basicConfig(level='INFO', format='%(name)s: %(message)s');"
         "tf = wvr.TransferFunction([(0, 'red', 0), (1, 'red', 1)]); v = wvr.Volume(np.zeros((2, 2, 2)));"
-        "[wvr.render(v, tf, wvr.Camera.fit(v), (4, 4), integrator=wvr.Riemann(1.0), device='cpu') for _ in range(2)]"
+        "methods = [wvr.Riemann(1.0), wvr.Preintegrated(1.0), wvr.Riemann(1.0, 'trapezoid')];"
+        "[wvr.render(v, tf, wvr.Camera.fit(v), (4, 4), integrator=m, device='cpu') for m in eval(sys.argv[1])]"
     )
-    logs = []
-    for _ in range(2):
+    counts = []
+    for order in ("methods", "methods[::-1]", "methods[1:]"):
         environment = {"WARP_CACHE_PATH": str(tmp_path), "PATH": ""}
-        run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+        run = subprocess.run([sys.executable, "-c", code, order], capture_output=True, text=True, env=environment)
         assert run.returncode == 0 and run.stdout == "", run.stderr
-        logs.append(run.stderr.count("wvr: compiling the kernel"))
-    assert logs == [1, 0]
+        counts.append(run.stderr.count("wvr: compiling the kernel"))
+    assert counts == [5, 0, 0]
