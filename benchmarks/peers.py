@@ -23,7 +23,7 @@ from .harness import (
     summarize,
     timed,
 )
-from .scenes import CONVERGED, Scene, make_scenes, truth
+from .scenes import CONVERGED, Scene, Truth, make_scenes, truth
 from .vtk_cpu import NotAvailableError, VtkCpu
 
 INTEGRATORS = (wvr.Riemann(1.0), wvr.Riemann(0.5), wvr.Preintegrated(1.0), wvr.Preintegrated(0.5))
@@ -38,11 +38,15 @@ def measure(settings: Settings) -> Result:
     scenes = [scene for scene in make_scenes(settings.quick) if scene.camera.parallel or not settings.quick]
     missing: dict[str, str] = {}
     rows: list[Row] = []
+    truths = {scene.label: truth(scene, settings.pixels, settings.out) for scene in scenes}
     for scene in scenes:
-        rows += _compare(scene, settings, missing)
+        rows += _compare(scene, settings, truths[scene.label], missing)
     notes = [
         f"Errors are absolute, of linear premultiplied RGBA in [0, 1], over {settings.pixels} random pixels, against a "
         f"float64 reference that refining moves by less than {CONVERGED:g}.",
+        "Parts that the reference cuts a ray in a cell into, and what half as many change: "
+        + "; ".join(f"{label}: {true.parts}, {true.change:.1e}" for label, true in truths.items())
+        + ".",
         "wvr ends rays at a transparency of 1/1024, its default, and VTK where its fixed point does; NumPy does not.",
         "VTK's time includes drawing its image with OpenGL and reading it back, in 8 bits a channel.",
         f"{NUMPY} has fewer runs, because it is slow.",
@@ -57,9 +61,8 @@ def charts(result: Result) -> dict[str, Figure]:
     return {"peers": errors_against_time(result)}
 
 
-def _compare(scene: Scene, settings: Settings, missing: dict[str, str]) -> list[Row]:
+def _compare(scene: Scene, settings: Settings, true: Truth, missing: dict[str, str]) -> list[Row]:
     """The rows of a scene; ``missing`` collects who cannot run, and why."""
-    true = truth(scene, settings.pixels, settings.out)
     images: dict[str, NDArray] = {}
 
     def contender(name: str, render: Callable[[], NDArray]) -> Contender:

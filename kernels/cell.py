@@ -1,7 +1,7 @@
 """The field inside one cell: its eight corners, and the cubic that it is along a ray, in float64.
 
 With the ray's position linear in t, trilinear interpolation is ``s(t) = c0 + c1 t + c2 t^2 + c3 t^3``, a vec4d. What
-is found along it is found by bracketing: a bound of the result never depends on how an iteration behaves.
+is looked for along it is kept in a bracket.
 """
 
 from functools import cache
@@ -12,9 +12,6 @@ from .field import make_corner
 
 vec5d = wp.types.vector(5, wp.float64)
 vec8d = wp.types.vector(8, wp.float64)
-
-SIXTH = wp.constant(wp.float64(1 / 6))
-QUARTER = wp.constant(wp.float64(1 / 4))
 
 
 @cache
@@ -75,12 +72,16 @@ def at(c: wp.vec4d, t: wp.float64):
 
 
 @wp.func
+def quartic(p: vec5d, t: wp.float64):
+    """The quartic at t."""
+    return p[0] + t * (p[1] + t * (p[2] + t * (p[3] + t * p[4])))
+
+
+@wp.func
 def moved(c: wp.vec4d, t: wp.float64):
     """The cubic about t: its value at ``u`` is that of ``c`` at ``t + u``."""
     three = wp.float64(3.0)
-    return wp.vec4d(
-        at(c, t), c[1] + t * (wp.float64(2.0) * c[2] + t * three * c[3]), c[2] + t * three * c[3], c[3]
-    )
+    return wp.vec4d(at(c, t), c[1] + t * (wp.float64(2.0) * c[2] + t * three * c[3]), c[2] + t * three * c[3], c[3])
 
 
 @wp.func
@@ -108,14 +109,12 @@ def zero(p: vec5d, start: wp.float64, end: wp.float64, guess: wp.float64, sign: 
     high = end
     t = wp.clamp(guess, start, end)
     for _ in range(100):
-        value = p[0] + t * (p[1] + t * (p[2] + t * (p[3] + t * p[4])))
+        value = quartic(p, t)
         if value * sign > wp.float64(0.0):
             high = t
         else:
             low = t
-        slope = p[1] + t * (
-            wp.float64(2.0) * p[2] + t * (wp.float64(3.0) * p[3] + t * wp.float64(4.0) * p[4])
-        )
+        slope = p[1] + t * (wp.float64(2.0) * p[2] + t * (wp.float64(3.0) * p[3] + t * wp.float64(4.0) * p[4]))
         # A Newton step, or half the bracket where that would leave it.
         step = wp.float64(0.0)
         if slope != wp.float64(0.0):
@@ -123,7 +122,7 @@ def zero(p: vec5d, start: wp.float64, end: wp.float64, guess: wp.float64, sign: 
         next = t - step
         if slope * sign <= wp.float64(0.0) or next < low or next > high:
             next = low + wp.float64(0.5) * (high - low)
-        if wp.abs(next - t) <= wp.float64(2.0e-16) * end:
+        if wp.abs(next - t) <= wp.float64(4.0e-16) * end:
             return next
         t = next
     return t

@@ -9,6 +9,7 @@ from functools import cache
 import warp as wp
 
 from .adaptive import make_adaptive
+from .exact import make_exact
 from .precision import REALS, vec3_of, vec4_of
 from .ray import entry, pixel
 from .scene import make_scene
@@ -18,9 +19,11 @@ MARCHES = {
     "left": make_uniform,
     "midpoint": make_uniform,
     "trapezoid": make_uniform,
+    "simpson": make_uniform,
     "preintegrated": make_uniform,
     "adaptive-coupled": make_adaptive,
     "adaptive-decoupled": make_adaptive,
+    "exact": make_exact,
 }
 
 

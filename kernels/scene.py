@@ -64,6 +64,15 @@ def make_scene(variant):
         transfer: Transfer
 
     @wp.struct
+    class CellScene:
+        view: View
+        steps: Steps
+        field: Field
+        transfer: Transfer
+        empty: wp.array3d(dtype=wp.uint8)  # [z, y, x] of blocks of cells, as of ``importance``
+        nodes: wp.array(dtype=vec2)
+
+    @wp.struct
     class TableScene:
         view: View
         steps: Steps
@@ -82,4 +91,4 @@ def make_scene(variant):
 
     if variant.traced:
         return TracedScene
-    return TableScene if variant.rule == "preintegrated" else PointScene
+    return {"preintegrated": TableScene, "exact": CellScene}.get(variant.rule, PointScene)

@@ -89,10 +89,11 @@ def make_uniform(variant):
             qm = classify(scene.transfer, middle)
             qb = classify(scene.transfer, s)
             tau = (qf[3] + real(4.0) * qm[3] + qb[3]) * real(wp.static(1.0 / 6.0))
-            # The parabola through the three extinctions, up to the middle.
-            half = (real(5.0) * qf[3] + real(8.0) * qm[3] - qb[3]) * real(wp.static(1.0 / 24.0))
-            wm = real(4.0) * qm[3] * wp.exp(-wp.clamp(half, real(0.0), tau) * h)
-            wb = qb[3] * wp.exp(-tau * h)
+            # Half the depth will do for that to the middle: what it is off by, O(h^2), multiplies how far the middle's
+            # colour is from the mean, also O(h^2).
+            half = wp.exp(real(-0.5) * tau * h)
+            wm = real(4.0) * qm[3] * half
+            wb = qb[3] * half * half
             seen = qf[3] + wm + wb
             q = vec4()
             if seen > real(0.0):

@@ -16,10 +16,11 @@ INTEGRATORS = [
     wvr.Riemann(0.37),
     wvr.Riemann(0.37, "left"),
     wvr.Riemann(0.37, "trapezoid"),
+    wvr.Simpson(0.37),
     wvr.Preintegrated(0.37),
     wvr.Preintegrated(1.48, oversampling=4),
 ]
-every_integrator = pytest.mark.parametrize("integrator", INTEGRATORS, ids=repr)
+every_integrator = pytest.mark.parametrize("integrator", [*INTEGRATORS, wvr.Exact()], ids=repr)
 ROUNDING = {"float32": 2e-6, "float64": 1e-12}
 
 
@@ -107,9 +108,10 @@ def test_gaussian_and_grid_refinement(device):
         lambda h: wvr.Riemann(h, "left"),
         lambda h: wvr.Riemann(h, "midpoint"),
         lambda h: wvr.Riemann(h, "trapezoid"),
+        wvr.Simpson,
         lambda h: wvr.Preintegrated(h, table_size=2049),
     ],
-    ids=["left", "midpoint", "trapezoid", "preintegrated"],
+    ids=["left", "midpoint", "trapezoid", "simpson", "preintegrated"],
 )
 def test_order(device, make, smooth_tf):
     cell = np.random.default_rng(11).random((2, 2, 2))
@@ -215,7 +217,7 @@ def test_termination_bounds_the_error(device, integrator, blobs):
     assert 0 < np.abs(early.rgba - whole.rgba).max() <= 0.05
 
 
-@every_integrator
+@pytest.mark.parametrize("integrator", INTEGRATORS, ids=repr)
 def test_samples_counts_segments(device, integrator):
     volume = centered(np.zeros((11, 3, 3), np.uint8))
     tf = wvr.TransferFunction([(0, "red", 0.1), (1, "red", 0.1)])

@@ -3,7 +3,7 @@
 from . import datasets, presets
 from .camera import Camera
 from .image import Image
-from .integrators import AdaptiveSimpson, Preintegrated, Riemann
+from .integrators import AdaptiveSimpson, Exact, Preintegrated, Riemann, Simpson
 from .io import read, read_raw
 from .launch import get_num_threads, set_num_threads
 from .renderer import Renderer, render
@@ -14,10 +14,12 @@ from .volume import Volume
 __all__ = [
     "AdaptiveSimpson",
     "Camera",
+    "Exact",
     "Image",
     "Preintegrated",
     "Renderer",
     "Riemann",
+    "Simpson",
     "Table",
     "TransferFunction",
     "Volume",

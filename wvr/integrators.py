@@ -63,10 +63,10 @@ class Simpson:
     """Simpson's rule in segments of a fixed step, with an exact last partial step and exact opacity of each segment.
 
     With extinction ``tau`` and colour ``c`` at the front, middle and back of a segment of length h, its optical depth
-    is ``D = h (tau_f + 4 tau_m + tau_b) / 6``, that up to its middle ``D_m = h (5 tau_f + 8 tau_m - tau_b) / 24`` (the
-    parabola through the three), and its colour the opacity ``1 - exp(-D)`` times the mean of c_f, c_m and c_b weighted
-    by ``tau_f``, ``4 tau_m exp(-D_m)`` and ``tau_b exp(-D)``. These weights' sum is Simpson's rule for the opacity
-    itself; dividing by it makes colour exact where it is constant and never brighter than the brightest of the three.
+    is ``D = h (tau_f + 4 tau_m + tau_b) / 6`` and its colour the opacity ``1 - exp(-D)`` times the mean of c_f, c_m and
+    c_b weighted by ``tau_f``, ``4 tau_m exp(-D/2)`` and ``tau_b exp(-D)``. These weights' sum is Simpson's rule for the
+    opacity itself; dividing by it makes colour exact where it is constant, never brighter than the brightest of the
+    three, and of order 4 although half the depth is but a first guess of that to the middle.
 
     Parameters
     ----------

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from .camera import Camera, image_size
 from .color import linear_rgb
 from .image import Image
-from .integrators import AdaptiveSimpson, Integrator, Preintegrated, Riemann
+from .integrators import AdaptiveSimpson, Exact, Integrator, Preintegrated, Riemann, Simpson
 from .kernels.field import make_field
+from .kernels.importance import blocks, make_empty, make_ranges
 from .kernels.precision import REALS, vec4_of
 from .kernels.ray import TILE, View, item, tiles
 from .kernels.raycast import make_raycast
@@ -29,7 +30,7 @@ from .volume import Volume
 
 DEFAULT = Preintegrated(0.5)
 TERMINATION = 1 / 1024
-INTEGRATORS = (Riemann, Preintegrated, AdaptiveSimpson)
+INTEGRATORS = (Riemann, Simpson, Preintegrated, AdaptiveSimpson, Exact)
 
 
 class Renderer:
@@ -95,9 +96,11 @@ class Renderer:
         self._check(camera)
         width, height = image_size(size)
         device = get_device(self.device)
-        precision = "float32" if self.precision == "auto" else self.precision
-        real = REALS[precision]
         rule = self.integrator.rule
+        precision = "float32" if self.precision == "auto" else self.precision
+        if rule == "exact":
+            precision = "float64"
+        real = REALS[precision]
         variant = Variant(wp.dtype_from_numpy(self.volume.dtype), precision, rule, not self.volume.has_nonfinite)
         _check_memory(self.volume, width, height, device)
 
@@ -109,6 +112,9 @@ class Renderer:
         scene.transfer = self._transfer(precision, shift, device)
         if rule == "preintegrated":
             scene.table = self._table(precision, shift, device)
+        if rule == "exact":
+            scene.empty = self._empty(variant, shift, scene.transfer, device)
+        if rule in ("preintegrated", "exact"):
             scene.nodes = nodes_array(precision, device)
         rgba = wp.empty((height, width), dtype=vec4_of(real), device=device)
         samples = wp.empty((height, width), dtype=int, device=device)
@@ -192,6 +198,26 @@ class Renderer:
         key = (tf.key, unit, shift, precision, device.alias)
         return self._keep("transfer", key, lambda: transfer_arrays(tf, unit, shift, precision, device))
 
+    def _empty(self, variant: Variant, shift: float, transfer: Any, device: wp.Device) -> wp.array:
+        """Flags of the blocks of cells in which nothing has any extinction."""
+        data = self.volume.on(device)
+
+        def build_ranges() -> wp.array:
+            result = wp.empty(blocks(data.shape), dtype=wp.vec2d, device=device)
+            launch(make_ranges(variant.dtype), result.size, [data, result], device)
+            return result
+
+        def build_flags() -> wp.array:
+            result = wp.empty(ranges.shape, dtype=wp.uint8, device=device)
+            launch(
+                make_empty(REALS[variant.precision]), result.size, [ranges, wp.float64(shift), transfer, result], device
+            )
+            return result
+
+        ranges = self._keep("ranges", (self.volume, device.alias), build_ranges)
+        key = (self.transfer_function.key, self.volume, shift, variant.precision, device.alias)
+        return self._keep("empty", key, build_flags)
+
     def _table(self, precision: str, shift: float, device: wp.Device) -> Any:
         assert isinstance(self.integrator, Preintegrated)
         tf, unit = self.transfer_function, self.volume.smallest_spacing
@@ -227,12 +253,12 @@ def render(
     size
         (width, height) in pixels.
     integrator
-        ``Preintegrated(0.5)`` by default, or ``Riemann(step)``.
+        One of ``wvr.integrators``; ``Preintegrated(0.5)`` by default.
     background
         What display and PNG files put behind the volume: a colour name, ``"#rrggbb"`` or three linear numbers.
     precision
         ``"auto"`` (float32), ``"float32"`` or ``"float64"``: that of everything along a ray but the sums, which are
-        always float64, and that of the image.
+        always float64, and that of the image. ``Exact`` is float64 whatever is given.
     device
         Warp device; by default CUDA where there is one, else the CPU.
     termination

@@ -1,0 +1,206 @@
+"""The exact walk: cell by cell, and in a cell from control point to control point of the transfer function.
+
+On such a piece the scalar s is a cubic in the length u from its start, extinction and colour are linear in s, and the
+optical depth D is a quartic in closed form. What the piece adds of colour is
+``int c tau exp(-D) du = c0 (1 - exp(-D)) + c' int (s - s0) tau exp(-D) du``; quadrature is left with the last integral,
+whose terms have one sign where s is monotone.
+
+Where a ray runs in the face of two cells, one absent and one not, either may be the one it sees.
+"""
+
+from functools import cache
+
+import numpy as np
+import warp as wp
+
+from .cell import at, cubic, make_corners, moved, quartic, turns, vec5d, zero
+from .importance import BLOCK
+from .scene import make_scene
+from .segment import CUT, RULES, make_absorbed, over
+from .transfer import make_transfer, make_transparent
+
+# Nodes of the Gauss-Legendre rules of ``segment.gauss_nodes`` by optical depth of a piece: (depth up to, rule). The
+# integrand is a polynomial of degree 6 times exp(-quartic). Pieces deeper than the last are cut at multiples of it.
+# 1e-12 of the opacity for any cubic.
+DEPTHS = ((1e-4, 0), (0.01, 1), (2.0, 2), (4.0, 3))
+
+
+@cache
+def make_exact(variant):
+    """``march(scene, origin, direction, length)`` -> composite of the ray, and the number of pieces integrated."""
+    finite = variant.finite
+    Scene = make_scene(variant)
+    _, corners = make_corners(variant.dtype)
+    Transfer, interval, _ = make_transfer(wp.float64)
+    transparent = make_transparent(wp.float64)
+    absorbed, _ = make_absorbed(wp.float64)
+    sizes = [n for _, n in RULES["float64"]]
+    (d0, n0), (d1, n1), (d2, n2), (d3, n3) = [(depth, sizes[rule]) for depth, rule in DEPTHS]
+    o1, o2, o3 = np.cumsum(sizes)[:3].tolist()
+    cut = CUT["float64"]
+
+    @wp.func
+    def moment(nodes: wp.array(dtype=wp.vec2d), s: wp.vec4d, tau: wp.vec4d, D: vec5d, length: wp.float64):
+        """Integral of (s - s0) tau exp(-D)."""
+        depth = quartic(D, length)
+        first = int(0)
+        count = int(n0)
+        if depth > wp.float64(d2):
+            first = o3
+            count = n3
+        elif depth > wp.float64(d1):
+            first = o2
+            count = n2
+        elif depth > wp.float64(d0):
+            first = o1
+            count = n1
+        total = wp.float64(0.0)
+        start = wp.float64(0.0)
+        reached = wp.float64(0.0)
+        while reached < wp.min(depth, wp.float64(cut)):
+            stop = length
+            reached += wp.float64(d3)
+            if reached < depth:
+                behind = D
+                behind[0] = -reached
+                stop = zero(behind, start, length, wp.float64(0.5) * (start + length), wp.float64(1.0))
+            part = wp.float64(0.0)
+            for i in range(first, first + count):
+                node = nodes[wp.max(i, 0)]
+                u = start + node[0] * (stop - start)
+                risen = u * (s[1] + u * (s[2] + u * s[3]))
+                part += node[1] * risen * at(tau, u) * wp.exp(-quartic(D, u))
+            total += (stop - start) * part
+            start = stop
+        return total
+
+    @wp.func
+    def piece(tf: Transfer, nodes: wp.array(dtype=wp.vec2d), s: wp.vec4d, length: wp.float64, k: int):
+        """Segment in interval k of the transfer function; ``s`` is the cubic about its start."""
+        front = tf.value[k] + (s[0] - tf.knot[k]) * tf.slope[k]
+        slope = tf.slope[k]
+        tau = slope[3] * s
+        # Interpolated towards a knot where it is 0 it may be negative by rounding.
+        tau[0] = wp.max(front[3], wp.float64(0.0))
+        D = vec5d(
+            wp.float64(0.0),
+            tau[0],
+            wp.float64(0.5) * tau[1],
+            wp.float64(wp.static(1.0 / 3.0)) * tau[2],
+            wp.float64(0.25) * tau[3],
+        )
+        depth = wp.max(quartic(D, length), wp.float64(0.0))
+        A = absorbed(depth)
+        segment = A * front
+        if slope[0] != wp.float64(0.0) or slope[1] != wp.float64(0.0) or slope[2] != wp.float64(0.0):
+            segment += moment(nodes, s, tau, D, length) * slope
+        segment[3] = A
+        return segment
+
+    @wp.func
+    def through(scene: Scene, i: int, j: int, k: int, p: wp.vec3d, d: wp.vec3d, length: wp.float64):
+        """Segment of a cell from its local point ``p``, and the number of its pieces."""
+        segment = wp.vec4d()
+        count = int(0)
+        c = corners(scene.field, i, j, k)
+        if not wp.static(finite):
+            for n in range(8):
+                if not wp.isfinite(c[n]):
+                    return segment, count
+        low = wp.min(c)
+        high = wp.max(c)
+        if transparent(scene.transfer, low, high):
+            return segment, count
+        s = cubic(c, p, d)
+        if interval(scene.transfer, low) == interval(scene.transfer, high):
+            return piece(scene.transfer, scene.nodes, s, length, interval(scene.transfer, low)), 1
+        last = scene.transfer.knot.shape[0] - 1
+        m = interval(scene.transfer, s[0])
+        first, second = turns(s, length)
+        start = wp.float64(0.0)
+        value = s[0]
+        for stretch in range(3):
+            # s is monotone up to here.
+            end = length
+            if stretch == 0:
+                end = first
+            elif stretch == 1:
+                end = second
+            final = at(s, end)
+            rises = final > value
+            while start < end:
+                stop = end
+                knot = scene.transfer.knot[wp.max(wp.where(rises, wp.min(m + 1, last), m), 0)]
+                crosses = wp.where(rises, m < last and knot < final, m > 0 and knot > final)
+                if crosses:
+                    # The secant through both ends is a good guess.
+                    guess = start + (end - start) * (knot - value) / (final - value)
+                    sign = wp.where(rises, wp.float64(1.0), wp.float64(-1.0))
+                    stop = zero(vec5d(s[0] - knot, s[1], s[2], s[3], wp.float64(0.0)), start, end, guess, sign)
+                    value = knot
+                if stop > start and scene.transfer.visible[m] == m:
+                    segment = over(segment, piece(scene.transfer, scene.nodes, moved(s, start), stop - start, m))
+                    count += 1
+                start = stop
+                if crosses:
+                    m += wp.where(rises, 1, -1)
+            value = final
+        return segment, count
+
+    @wp.func
+    def leaving(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, cell: wp.vec3i, axis: int):
+        """Where the ray leaves a cell along an axis. The outermost cells end with the box, thin ones included."""
+        face = wp.float64(cell[axis])
+        if direction[axis] > wp.float64(0.0):
+            face += wp.float64(1.0)
+            if cell[axis] == scene.field.last[axis]:
+                face = scene.view.high[axis]
+        elif direction[axis] < wp.float64(0.0):
+            if cell[axis] == 0:
+                face = scene.view.low[axis]
+        else:
+            return wp.float64(1.0e300)
+        return (face - origin[axis]) / direction[axis]
+
+    @wp.func
+    def march(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, length: wp.float64):
+        ray = wp.vec4d()
+        count = int(0)
+        last = scene.field.last
+        cell = wp.vec3i()
+        for a in range(3):
+            cell[a] = wp.clamp(int(origin[a]), 0, last[a])
+        t = wp.float64(0.0)
+        while t < length and ray[3] <= scene.steps.opaque:
+            # The cells to be left: this one, or an empty block's last along the ray.
+            leaps = scene.empty[cell[2] // BLOCK, cell[1] // BLOCK, cell[0] // BLOCK] != wp.uint8(0)
+            far = wp.vec3i()
+            leave = wp.vec3d()
+            for a in range(3):
+                far[a] = cell[a]
+                if leaps:
+                    far[a] -= far[a] % BLOCK
+                    if direction[a] > wp.float64(0.0):
+                        far[a] = wp.min(far[a] + BLOCK - 1, last[a])
+                leave[a] = leaving(scene, origin, direction, far, a)
+            axis = int(wp.argmin(leave))
+            end = wp.min(leave[axis], length)
+            if leaps:
+                for a in range(3):
+                    first = cell[a] - cell[a] % BLOCK
+                    here = int(origin[a] + end * direction[a])
+                    cell[a] = wp.clamp(here, first, wp.min(first + BLOCK - 1, last[a]))
+            elif end > t:
+                local = origin + t * direction
+                for a in range(3):
+                    local[a] -= wp.float64(cell[a])
+                segment, pieces = through(scene, cell[0], cell[1], cell[2], local, direction, end - t)
+                ray = over(ray, segment)
+                count += pieces
+            t = wp.max(t, end)
+            cell[axis] = far[axis] + wp.where(direction[axis] > wp.float64(0.0), 1, -1)
+            if cell[axis] < 0 or cell[axis] > last[axis]:
+                t = length
+        return ray, count
+
+    return march
