@@ -20,6 +20,7 @@ class Variant:
     precision: str  # "float32" or "float64", of everything along a ray but the sums
     rule: str  # how a ray is integrated, a key of ``raycast.MARCHES``
     finite: bool  # no sample is NaN or infinite
+    skip: bool = False  # leap over empty blocks
     traced: bool = False  # the steps of a ray are written down, by a march that has them
 
 
@@ -57,29 +58,14 @@ def make_scene(variant):
     vec2 = wp.vec2d if real is wp.float64 else wp.vec2
 
     @wp.struct
-    class PointScene:
-        view: View
-        steps: Steps
-        field: Field
-        transfer: Transfer
-
-    @wp.struct
-    class CellScene:
+    class Scene:
         view: View
         steps: Steps
         field: Field
         transfer: Transfer
         empty: wp.array3d(dtype=wp.uint8)  # [z, y, x] of blocks of cells, as of ``importance``
-        nodes: wp.array(dtype=vec2)
-
-    @wp.struct
-    class TableScene:
-        view: View
-        steps: Steps
-        field: Field
-        transfer: Transfer
         table: Table
-        nodes: wp.array(dtype=vec2)
+        nodes: wp.array(dtype=vec2)  # of ``segment.gauss_nodes``
 
     @wp.struct
     class TracedScene:
@@ -89,6 +75,4 @@ def make_scene(variant):
         transfer: Transfer
         trace: wp.array(dtype=Step)
 
-    if variant.traced:
-        return TracedScene
-    return {"preintegrated": TableScene, "exact": CellScene}.get(variant.rule, PointScene)
+    return TracedScene if variant.traced else Scene

@@ -106,6 +106,9 @@ def test_what_is_not_given_is_left_to_the_api(run, rendered):
     ("text", "integrator"),
     [
         ("riemann:1", wvr.Riemann(1)),
+        ("simpson:0.5", wvr.Simpson(0.5)),
+        ("adaptivesimpson:0.001", wvr.AdaptiveSimpson(0.001)),
+        ("exact", wvr.Exact()),
         ("preintegrated", wvr.Preintegrated()),
         ("preintegrated:0.5:2:64:brute", wvr.Preintegrated(0.5, 2, 64, "brute")),
     ],
@@ -239,7 +242,11 @@ def test_the_background_is_in_png_files(run, rendered):
         ("render spheres --size -3x5", 2, "size"),
         ("render spheres --threads 0", 2, "--threads"),
         ("render spheres --precision half", 2, "float64"),
-        ("render spheres --integrator simpsons:1", 2, "--integrator must start with one of riemann, preintegrated"),
+        (
+            "render spheres --integrator simpsons:1",
+            2,
+            "--integrator must start with one of riemann, simpson",
+        ),
         ("render spheres --integrator riemann", 2, "step"),
         ("render spheres --integrator riemann:left", 2, "step must be a number"),
         ("render spheres --integrator riemann:0", 2, "step must be"),

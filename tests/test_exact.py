@@ -152,7 +152,7 @@ def test_depths_of_curved_pieces(device, unit):
     tf = wvr.TransferFunction([(0, "red", 0.0), (1, "blue", 0.9)], unit_distance=unit)
     for seed in range(30):
         rng = np.random.default_rng(seed)
-        volume = centered(rng.choice([0, 0.02, 1], (2, 2, 2)))
+        volume = centered(rng.choice([0, 1, 0.02], (2, 2, 2)))
         camera = wvr.Camera.fit(volume, rng.normal(size=3))
         image = exact(volume, tf, camera, device=device)
         # An extinction of 2.3 / unit times the rounding of a position.

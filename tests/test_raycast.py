@@ -378,3 +378,44 @@ def test_more_than_two_to_the_31_samples():
     alpha = wvr.render(volume, tf, camera, (16, 16), integrator=wvr.Riemann(0.25), device="cpu").rgba[..., 3]
     y, x = np.nonzero(alpha)
     assert (x.min(), x.max(), y.min(), y.max()) == (6, 9, 6, 9) and alpha[7:9, 7:9].min() > 0.2
+
+
+# Skipping
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    integrator=st.sampled_from([*INTEGRATORS, wvr.Simpson(0.37), wvr.Riemann(3.3), wvr.Exact()]),
+    parallel=st.booleans(),
+    holes=st.booleans(),
+)
+def test_leaping_over_empty_blocks_changes_nothing(seed, integrator, parallel, holes):
+    """A few bright samples anywhere, many on the blocks' faces: the same picture with fewer samples."""
+    rng = np.random.default_rng(seed)
+    shape = rng.integers(1, 40, 3)
+    data = np.zeros(shape, np.float32)
+    for _ in range(rng.integers(0, 6)):
+        data[tuple(np.minimum(8 * rng.integers(0, 5, 3) + rng.integers(-1, 2, 3), shape - 1))] = rng.random()
+    if holes:
+        data[tuple(rng.integers(0, shape))] = np.nan
+    volume = wvr.Volume(data, spacing=rng.uniform(0.5, 2, 3), nan="transparent")
+    tf = wvr.TransferFunction([(0, "red", 0.0), (0.05, "red", 0.0), (1, "white", 0.9)])
+    camera = wvr.Camera.fit(volume, rng.normal(size=3), rng.normal(size=3), parallel=parallel)
+    scene = volume, tf, camera, (24, 24)
+    leapt = wvr.render(*scene, integrator=integrator, termination=0)
+    whole = wvr.render(*scene, integrator=integrator, termination=0, skip_empty=False)
+    assert max_error(leapt, whole.rgba) < 1e-6
+    assert np.all(leapt.samples <= whole.samples)
+
+
+def test_leaping_spares_samples(device):
+    data = np.zeros((64, 64, 64), np.uint8)
+    data[30:34, 30:34, 30:34] = 200
+    volume = wvr.Volume(data)
+    tf = wvr.TransferFunction([(0, "red", 0.0), (10, "red", 0.0), (255, "white", 0.5)])
+    scene = volume, tf, wvr.Camera.fit(volume), (64, 64)
+    for integrator in INTEGRATORS:
+        leapt = wvr.render(*scene, integrator=integrator, device=device)
+        whole = wvr.render(*scene, integrator=integrator, device=device, skip_empty=False)
+        assert leapt.samples.sum() < 0.1 * whole.samples.sum() and leapt.samples.any()

@@ -16,21 +16,21 @@ def scene(blobs):
 def test_only_what_depends_on_a_change_is_rebuilt(blobs, device):
     renderer = wvr.Renderer(blobs, TF, integrator=wvr.Preintegrated(0.5), device=device)
     first = renderer.render(wvr.Camera.fit(blobs), (16, 16))
-    assert renderer.builds == {"volume": 1, "transfer": 1, "table": 1}
+    assert renderer.builds == {"volume": 1, "ranges": 1, "empty": 1, "transfer": 1, "table": 1}
     renderer.render(wvr.Camera.fit(blobs, (0, 1, 0)), (20, 10))
     renderer.transfer_function = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.3)])  # equal content
     renderer.render(wvr.Camera.fit(blobs), (16, 16))
-    assert renderer.builds == {"volume": 1, "transfer": 1, "table": 1}
+    assert renderer.builds == {"volume": 1, "ranges": 1, "empty": 1, "transfer": 1, "table": 1}
     renderer.transfer_function = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.4)])
     changed = renderer.render(wvr.Camera.fit(blobs), (16, 16))
-    assert renderer.builds == {"volume": 1, "transfer": 2, "table": 2}
+    assert renderer.builds == {"volume": 1, "ranges": 1, "empty": 2, "transfer": 2, "table": 2}
     assert not np.array_equal(changed.rgba, first.rgba)
     renderer.integrator = wvr.Riemann(0.5)
     renderer.render(wvr.Camera.fit(blobs), (16, 16))
-    assert renderer.builds == {"volume": 1, "transfer": 2, "table": 2}
+    assert renderer.builds == {"volume": 1, "ranges": 1, "empty": 2, "transfer": 2, "table": 2}
     renderer.volume = wvr.Volume(255 - blobs.numpy())
     inverted = renderer.render(wvr.Camera.fit(blobs), (16, 16))
-    assert renderer.builds == {"volume": 2, "transfer": 2, "table": 2}
+    assert renderer.builds == {"volume": 2, "ranges": 2, "empty": 3, "transfer": 2, "table": 2}
     again = wvr.render(
         renderer.volume, renderer.transfer_function, wvr.Camera.fit(blobs), (16, 16), integrator=wvr.Riemann(0.5)
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from threading import Timer
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -21,7 +22,7 @@ from . import __version__
 
 if TYPE_CHECKING:
     from .camera import Camera
-    from .integrators import Preintegrated, Riemann
+    from .integrators import Integrator
     from .transfer_function import TransferFunction
     from .volume import Volume
 
@@ -326,10 +327,10 @@ def _numbers(text: str, option: str, example: str) -> tuple[Any, ...]:
     return numbers
 
 
-def _integrator(text: str) -> Riemann | Preintegrated:
-    from .integrators import Preintegrated, Riemann
+def _integrator(text: str) -> Integrator:
+    from .renderer import INTEGRATORS
 
-    kinds = {"riemann": Riemann, "preintegrated": Preintegrated}
+    kinds: dict[str, Callable[..., Integrator]] = {kind.__name__.lower(): kind for kind in INTEGRATORS}
     name, *values = text.split(":")
     if name not in kinds:
         raise ValueError(f"--integrator must start with one of {', '.join(kinds)}, got {text!r}")

@@ -107,8 +107,7 @@ class Exact:
     Notes
     -----
     Always in float64, whatever ``precision`` is asked for, and so is the image. ``image.samples`` counts the pieces
-    that were integrated. A ray ends at the renderer's ``termination`` like any other: pass ``termination=0`` for the
-    whole integral.
+    that were integrated. Rays do not end early unless ``termination`` says so.
     """
 
     rule: ClassVar[str] = "exact"

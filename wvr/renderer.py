@@ -30,6 +30,8 @@ from .volume import Volume
 
 DEFAULT = Preintegrated(0.5)
 TERMINATION = 1 / 1024
+# Rules whose march leaps over empty blocks.
+SKIPPING = ("left", "midpoint", "trapezoid", "simpson", "preintegrated", "exact")
 INTEGRATORS = (Riemann, Simpson, Preintegrated, AdaptiveSimpson, Exact)
 
 
@@ -51,9 +53,12 @@ class Renderer:
     device
         Warp device; by default CUDA where there is one, else the CPU.
     termination
-        A ray ends when less than this transparency is left, in [0, 1); 1/1024 by default, 0 never.
+        A ray ends when less than this transparency is left, in [0, 1); 0 is never. By default 1/1024, and 0 for
+        ``Exact``.
     background
         What display and PNG files put behind the volume; ``rgba`` never has it.
+    skip_empty
+        Leap over blocks of the volume in which nothing has any extinction; the image is the same to rounding.
 
     Attributes
     ----------
@@ -71,14 +76,16 @@ class Renderer:
         device: Any = None,
         termination: float | None = None,
         background: str | Sequence[float] | None = None,
+        skip_empty: bool = True,
     ):
         self.volume = volume
         self.transfer_function = transfer_function
         self.integrator: Integrator = DEFAULT if integrator is None else integrator
         self.precision = precision
         self.device = device
-        self.termination = TERMINATION if termination is None else termination
+        self.termination = termination
         self.background = background
+        self.skip_empty = skip_empty
         self.builds: Counter[str] = Counter()
         self._kept: dict[str, tuple[tuple, Any]] = {}
 
@@ -101,7 +108,10 @@ class Renderer:
         if rule == "exact":
             precision = "float64"
         real = REALS[precision]
-        variant = Variant(wp.dtype_from_numpy(self.volume.dtype), precision, rule, not self.volume.has_nonfinite)
+        skip = self.skip_empty and rule in SKIPPING
+        variant = Variant(
+            wp.dtype_from_numpy(self.volume.dtype), precision, rule, not self.volume.has_nonfinite, skip=skip
+        )
         _check_memory(self.volume, width, height, device)
 
         scene = make_scene(variant)()
@@ -112,7 +122,7 @@ class Renderer:
         scene.transfer = self._transfer(precision, shift, device)
         if rule == "preintegrated":
             scene.table = self._table(precision, shift, device)
-        if rule == "exact":
+        if rule == "exact" or skip:
             scene.empty = self._empty(variant, shift, scene.transfer, device)
         if rule in ("preintegrated", "exact"):
             scene.nodes = nodes_array(precision, device)
@@ -157,7 +167,7 @@ class Renderer:
             names = ", ".join(kind.__name__ for kind in INTEGRATORS)
             raise TypeError(f"integrator must be one of {names}, got {self.integrator!r}")
         choice(self.precision, "precision", ("auto", *REALS))
-        if not 0 <= self.termination < 1:
+        if self.termination is not None and not 0 <= self.termination < 1:
             raise ValueError(f"termination must be in [0, 1), got {self.termination!r}")
         if self.background is not None:
             linear_rgb(self.background, "background")
@@ -172,7 +182,8 @@ class Renderer:
 
     def _steps(self) -> Any:
         steps = Steps()
-        steps.opaque = 1.0 - self.termination
+        default = 0.0 if isinstance(self.integrator, Exact) else TERMINATION
+        steps.opaque = 1.0 - (default if self.termination is None else self.termination)
         for name, value in self.integrator.steps.items():
             setattr(steps, name, value)
         return steps
@@ -214,6 +225,8 @@ class Renderer:
             )
             return result
 
+        if not self.skip_empty:
+            return wp.zeros(blocks(data.shape), dtype=wp.uint8, device=device)
         ranges = self._keep("ranges", (self.volume, device.alias), build_ranges)
         key = (self.transfer_function.key, self.volume, shift, variant.precision, device.alias)
         return self._keep("empty", key, build_flags)
@@ -239,6 +252,7 @@ def render(
     precision: str = "auto",
     device: Any = None,
     termination: float | None = None,
+    skip_empty: bool = True,
 ) -> Image:
     """Render a volume.
 
@@ -262,7 +276,11 @@ def render(
     device
         Warp device; by default CUDA where there is one, else the CPU.
     termination
-        A ray ends when less than this transparency is left, in [0, 1); 1/1024 by default, 0 never.
+        A ray ends when less than this transparency is left, in [0, 1); 0 is never. By default 1/1024, and 0 for
+        ``Exact``.
+    skip_empty
+        Leap over blocks of the volume in which nothing has any extinction. False computes everything; the image is the
+        same to rounding.
 
     Returns
     -------
@@ -283,6 +301,7 @@ def render(
         device=device,
         termination=termination,
         background=background,
+        skip_empty=skip_empty,
     )
     return renderer.render(camera, size)
 
