@@ -2,6 +2,7 @@
 
 from . import datasets, presets
 from .camera import Camera
+from .compare import Comparison, compare
 from .image import Image
 from .integrators import AdaptiveSimpson, Exact, Preintegrated, Riemann, Simpson
 from .io import read, read_raw
@@ -14,6 +15,7 @@ from .volume import Volume
 __all__ = [
     "AdaptiveSimpson",
     "Camera",
+    "Comparison",
     "Exact",
     "Image",
     "Preintegrated",
@@ -23,6 +25,7 @@ __all__ = [
     "Table",
     "TransferFunction",
     "Volume",
+    "compare",
     "datasets",
     "get_num_threads",
     "preintegrate",
