@@ -20,9 +20,9 @@ RULES = {
     "float64": ((0.1, 6), (0.5, 8), (4.0, 16), (np.inf, 28)),
 }
 CUT = {"float32": 17.0, "float64": 37.0}
-# Below this depth three terms of a series are as good as quadrature (next term: depth^3 / 60 of the result), and need
+# Below this depth three terms of a series are good enough (next term: depth^3 / 60 of the result, 5e-7), and need
 # no exponential; most intervals of a table are fainter.
-FAINT = {"float32": 0.012, "float64": 1e-4}
+FAINT = {"float32": 0.03, "float64": 1e-4}
 
 THIN = wp.constant(0.25)
 

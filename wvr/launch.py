@@ -109,7 +109,9 @@ def launch(kernel: wp.Kernel, items: int, inputs: list[Any], device: wp.Device, 
             command.set_param_at_index(0, base)
             command.launch()
 
-    for done in [_pool(threads).submit(run) for _ in range(threads)]:
+    others = [_pool(threads - 1).submit(run) for _ in range(threads - 1)]
+    run()
+    for done in others:
         done.result()
 
 
