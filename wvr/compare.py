@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .image import Image, whole_file
 
 LIMITS = (1e-2, 5e-3, 1e-3, 1e-4)
+DECADES = tuple(10.0**k for k in range(-9, 1))
 CHANNELS = ("red", "green", "blue", "opacity")
 
 Floats = NDArray[np.float64]
@@ -85,7 +86,7 @@ class Comparison:
         """By limit: share of rays whose error is larger in any channel."""
         return {limit: float(np.mean(self.map > limit)) for limit in self.limits}
 
-    def histogram(self, decades: Sequence[float] = tuple(10.0**k for k in range(-9, 1))) -> tuple[NDArray, Floats]:
+    def histogram(self, decades: Sequence[float] = DECADES) -> tuple[NDArray, Floats]:
         """Rays by their largest error: counts, and the edges between them from 0 to infinity."""
         edges = np.array([0.0, *decades, np.inf])
         return np.histogram(self.map, edges)[0], edges
@@ -111,7 +112,7 @@ class Comparison:
             figure.savefig(temporary, dpi=150)
 
     def __str__(self) -> str:
-        rows = [("", *CHANNELS, "any")]
+        rows: list[tuple[str, ...]] = [("", *CHANNELS, "any")]
         for name, values, total in (
             ("max", self.channel_max, self.max),
             ("mean", self.channel_mean, self.mean),
