@@ -19,7 +19,7 @@ bench: .venv/ready
 	$(BIN)/python -m benchmarks
 
 studies: .venv/ready
-	$(BIN)/python -m studies
+	$(BIN)/python -m studies $(if $(QUICK),--quick)
 
 .venv/ready: pyproject.toml
 	$(PYTHON) -m venv .venv
