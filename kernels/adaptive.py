@@ -134,7 +134,7 @@ def make_adaptive(variant):
     def march(scene: Scene, origin: vec3, direction: vec3, length: real):
         """Composite of the ray, and the number of field evaluations."""
         end = wp.float64(length)
-        tolerance = scene.steps.tolerance / scene.steps.step
+        tolerance = scene.steps.tolerance / wp.where(scene.steps.scope > wp.float64(0.0), scene.steps.scope, end)
         # Steps that rounding lets exceed the shortest are not halved.
         shortest = scene.steps.shortest * wp.float64(1.00001)
         ray = wp.vec4d()
@@ -169,7 +169,7 @@ def make_adaptive(variant):
                 stop = t + rest
             if q0[3] + q1[3] + q2[3] + q3[3] + q4[3] == real(0.0):
                 if wp.static(traced):
-                    record(scene, taken, t, rest, depth_error, wp.float64(0.0), False, ray)
+                    record(scene, taken, t, rest, tolerance, depth_error, wp.float64(0.0), ray)
                     taken += 1
                 t = stop
                 q0 = q4
@@ -195,8 +195,7 @@ def make_adaptive(variant):
                 else:
                     ray = over(ray, segment)
                     if wp.static(traced):
-                        forced = outer_error > tolerance or depth_error > tolerance
-                        record(scene, taken, t, step, depth_error, outer_error, forced, ray)
+                        record(scene, taken, t, step, tolerance, depth_error, outer_error, ray)
                         taken += 1
                     if step == outer:
                         outer = grown(scene, outer, outer_succeeded)
@@ -217,20 +216,20 @@ def make_adaptive(variant):
         taken: int,
         t: wp.float64,
         step: wp.float64,
+        tolerance: wp.float64,
         depth_error: wp.float64,
         outer_error: wp.float64,
-        forced: bool,
         ray: wp.vec4d,
     ):
-        """Write down a step taken from ``t``; errors are per length."""
+        """Write down a step taken from ``t``; tolerance and errors are per length."""
         if taken < scene.trace.shape[0]:
             entry = Step()
             entry.t = t
             entry.length = step
-            entry.tolerance = scene.steps.tolerance / scene.steps.step * step
+            entry.tolerance = tolerance * step
             entry.depth_error = depth_error * step
             entry.error = outer_error * step
-            entry.forced = forced
+            entry.forced = wp.max(depth_error, outer_error) > tolerance
             entry.rgba = ray
             scene.trace[taken] = entry
 

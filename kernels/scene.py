@@ -32,6 +32,7 @@ class Steps:
     shortest: wp.float64
     longest: wp.float64
     tolerance: wp.float64
+    scope: wp.float64  # length that the tolerance belongs to; 0 is the ray's own
     opaque: wp.float64  # a ray ends when its opacity exceeds this
 
 

@@ -134,8 +134,8 @@ class Preintegrated:
     oversampling
         Segments per ``step``, >= 1: Roettger et al. (2003) need four a voxel.
     table_size
-        Entries along an axis of the table, >= 2. None, the default: one a grey level for integer samples of up to 512
-        levels, else 512.
+        Entries along an axis of the table, >= 2. None, the default: two a grey level for integer samples of up to 256
+        levels, one for up to 512, else 512.
     generator
         ``"incremental"`` (exact, O(n^2)), ``"brute"`` (the same table, O(n^3)) or ``"approximate"`` (attenuation inside
         a segment left out: order 1).
@@ -179,9 +179,8 @@ class AdaptiveSimpson:
     Parameters
     ----------
     tolerance
-        Error that the estimate of a step of length ``h0`` may have in any channel, in (0, 1). That of another step is
-        proportional to its length, so a ray of length l may err by ``tolerance * l / h0``. It is an estimate, not a
-        bound: forced steps and what lies between the samples are not covered.
+        Error that the estimates may have in any channel, in (0, 1). It is an estimate, not a bound: forced steps and
+        what lies between the samples are not covered.
     h0
         Length of the first step [smallest voxel spacing], from ``hmin`` to ``hmax``.
     hmin
@@ -191,6 +190,10 @@ class AdaptiveSimpson:
     coupling
         The inner integral finds an interval in which optical depth is within tolerance, which the outer integral then
         covers: ``"coupled"`` begins it with a step as long as the interval, ``"decoupled"`` carries on with its own.
+    scope
+        What the tolerance belongs to. ``"step"``: one of length ``h0``, others in proportion to their length, so that a
+        ray of length l may err by ``tolerance * l / h0``. ``"ray"``: the whole ray, of which a step has its share by
+        length. The paper leaves it open; its numbers are those of ``"ray"``.
 
     Notes
     -----
@@ -203,6 +206,7 @@ class AdaptiveSimpson:
     hmin: float = 0.1
     hmax: float = 2.0
     coupling: str = "coupled"
+    scope: str = "step"
 
     def __post_init__(self) -> None:
         if positive(self.tolerance, "tolerance") >= 1:
@@ -214,6 +218,7 @@ class AdaptiveSimpson:
         if not self.hmin <= self.h0 <= self.hmax:
             raise ValueError(f"h0 must be from hmin = {self.hmin!r} to hmax = {self.hmax!r}, got {self.h0!r}")
         choice(self.coupling, "coupling", ("coupled", "decoupled"))
+        choice(self.scope, "scope", ("step", "ray"))
 
     @property
     def rule(self) -> str:
@@ -221,7 +226,14 @@ class AdaptiveSimpson:
 
     @property
     def steps(self) -> dict[str, float]:
-        return {"step": self.h0, "shortest": self.hmin, "longest": self.hmax, "tolerance": self.tolerance}
+        scope = self.h0 if self.scope == "step" else 0.0
+        return {
+            "step": self.h0,
+            "shortest": self.hmin,
+            "longest": self.hmax,
+            "tolerance": self.tolerance,
+            "scope": scope,
+        }
 
     @property
     def order(self) -> int:

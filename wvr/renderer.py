@@ -148,9 +148,9 @@ class Renderer:
         }
         tracer = None
         if isinstance(self.integrator, AdaptiveSimpson):
+            whole = "a ray" if self.integrator.scope == "ray" else f"a step of {self.integrator.h0:g} voxel spacings"
             stats["tolerance_covers"] = (
-                f"the error estimate of a step of {self.integrator.h0:g} of the smallest voxel spacing, in proportion "
-                f"for others; not forced steps, nor what lies between samples"
+                f"the error estimates of {whole}, in proportion to length; not forced steps, nor what lies between samples"
             )
             tracer = _tracer(variant, scene, count, device)
         return Image(rgba.numpy(), count, None, stats, self.background, tracer)
@@ -357,7 +357,10 @@ def _table_shape(volume: Volume, table_size: int | None) -> tuple[int, tuple[flo
     levels = int(hi - lo) + 1
     if table_size is not None:
         return int(table_size), (lo, hi)
-    return levels if volume.dtype.kind in "iu" and 2 <= levels <= 512 else 512, (lo, hi)
+    if volume.dtype.kind in "iu" and levels <= 512:
+        # Entries at the grey levels, and halfway: kinks of a table transfer function then lie on entries.
+        return (2 * levels - 1 if levels <= 256 else levels), (lo, hi)
+    return 512, (lo, hi)
 
 
 def _check_memory(volume: Volume, width: int, height: int, device: wp.Device) -> None:
