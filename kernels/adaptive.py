@@ -15,6 +15,7 @@ Known wrong case: what lies between all five samples of a step is not seen, what
 """
 
 from functools import cache
+from typing import Any
 
 import warp as wp
 
@@ -43,9 +44,8 @@ def make_adaptive(variant):
     opacities = make_opacities(real, 4)
 
     @wp.func
-    def sample(scene: Scene, p: vec3):
+    def emitted(scene: Scene, s: real):
         """Emission and extinction; nothing where a NaN or infinite sample makes data absent."""
-        s = value(scene.field, p)
         if not wp.static(finite):
             if not wp.isfinite(s):
                 return vec4()
@@ -54,30 +54,28 @@ def make_adaptive(variant):
         return vec4(tau * q[0], tau * q[1], tau * q[2], tau)
 
     @wp.func
-    def sampled(scene: Scene, origin: vec3, direction: vec3, t: wp.float64, step: wp.float64):
-        """Samples at the four quarters' ends of a step from ``t``."""
-        quarter = wp.float64(0.25) * step
-        return (
-            sample(scene, origin + real(t + quarter) * direction),
-            sample(scene, origin + real(t + wp.float64(2.0) * quarter) * direction),
-            sample(scene, origin + real(t + wp.float64(3.0) * quarter) * direction),
-            sample(scene, origin + real(t + step) * direction),
-        )
-
-    @wp.func
-    def halved(
-        scene: Scene, origin: vec3, direction: vec3, t: wp.float64, step: wp.float64, q0: vec4, q1: vec4, q2: vec4
+    def sampled(
+        scene: Scene,
+        origin: vec3,
+        direction: vec3,
+        t: wp.float64,
+        step: wp.float64,
+        known: bool,
+        q2: vec4,
+        q4: vec4,
     ):
-        """Half the step, but no shorter than the shortest, its samples, and how many of them are new."""
-        half = wp.float64(0.5) * step
-        if half >= scene.steps.shortest:
-            quarter = wp.float64(0.25) * half
-            p1 = sample(scene, origin + real(t + quarter) * direction)
-            p3 = sample(scene, origin + real(t + wp.float64(3.0) * quarter) * direction)
-            return half, p1, q1, p3, q2, 2
-        step = scene.steps.shortest
-        p1, p2, p3, p4 = sampled(scene, origin, direction, t, step)
-        return step, p1, p2, p3, p4, 4
+        """Samples at the ends of the quarters of a step from ``t``; ``known``: the second and the last are given."""
+        start = origin + real(t) * direction
+        quarter = real(wp.float64(0.25) * step) * direction
+        # The field before the transfer function: independent loads, which a CPU core overlaps.
+        s1 = value(scene.field, start + quarter)
+        s3 = value(scene.field, start + real(3.0) * quarter)
+        if not known:
+            s2 = value(scene.field, start + real(2.0) * quarter)
+            s4 = value(scene.field, start + real(4.0) * quarter)
+            q2 = emitted(scene, s2)
+            q4 = emitted(scene, s4)
+        return emitted(scene, s1), q2, emitted(scene, s3), q4
 
     @wp.func
     def mean(q0: vec4, q1: vec4, q2: vec4, q3: vec4, q4: vec4):
@@ -89,8 +87,8 @@ def make_adaptive(variant):
         )
 
     @wp.func
-    def error(q0: vec4, q1: vec4, q2: vec4, q3: vec4, q4: vec4):
-        """|D - S| / 15 per length, of each channel."""
+    def error(q0: Any, q1: Any, q2: Any, q3: Any, q4: Any):
+        """|D - S| / 15 per length, of one or each channel."""
         return real(wp.static(1.0 / 180.0)) * wp.abs(real(4.0) * (q1 + q3) - real(6.0) * q2 - (q0 + q4))
 
     @wp.func
@@ -144,52 +142,82 @@ def make_adaptive(variant):
         outer_succeeded = bool(True)
         taken = int(0)
         t = wp.float64(0.0)
-        q0 = sample(scene, origin)
+        q0 = emitted(scene, value(scene.field, origin))
+        q1 = vec4()
+        q2 = vec4()
+        q3 = vec4()
+        q4 = vec4()
         count = int(1)
+        # Where the second half of the step that was halved last begins, its length, and two of its samples.
+        other_t = wp.float64(-1.0)
+        other_step = wp.float64(0.0)
+        other_q2 = vec4()
+        other_q4 = vec4()
         while t < end and ray[3] <= scene.steps.opaque:
             # The inner integral: as far as optical depth is within tolerance.
-            rest = fitted(inner, end - t)
-            cut = rest != inner
-            q1, q2, q3, q4 = sampled(scene, origin, direction, t, rest)
-            count += 4
-            depth_error = wp.float64(error(q0, q1, q2, q3, q4)[3])
-            while depth_error > tolerance and rest > shortest:
-                rest, q1, q2, q3, q4, new = halved(scene, origin, direction, t, rest, q0, q1, q2)
-                count += new
-                depth_error = wp.float64(error(q0, q1, q2, q3, q4)[3])
-                inner = rest
-                inner_succeeded = False
-                cut = False
+            step = fitted(inner, end - t)
+            cut = step != inner
+            known = t == other_t and step == other_step
+            if known:
+                q2 = other_q2
+                q4 = other_q4
+            depth_error = wp.float64(0.0)
+            attempt = bool(True)
+            while attempt:
+                q1, q2, q3, q4 = sampled(scene, origin, direction, t, step, known, q2, q4)
+                count += wp.where(known, 2, 4)
+                depth_error = wp.float64(error(q0[3], q1[3], q2[3], q3[3], q4[3]))
+                attempt = depth_error > tolerance and step > shortest
+                if attempt:
+                    other_step = wp.float64(0.5) * step
+                    other_t = t + other_step
+                    other_q2 = q3
+                    other_q4 = q4
+                    known = other_step >= scene.steps.shortest
+                    step = wp.max(other_step, scene.steps.shortest)
+                    q4 = q2
+                    q2 = q1
+                    inner = step
+                    inner_succeeded = False
+                    cut = False
             if not cut:
                 inner = grown(scene, inner, inner_succeeded)
             inner_succeeded = True
-            if rest >= end - t:
+            stop = t + step
+            if step >= end - t:
                 stop = end
-            else:
-                stop = t + rest
             if q0[3] + q1[3] + q2[3] + q3[3] + q4[3] == real(0.0):
                 if wp.static(traced):
-                    record(scene, taken, t, rest, tolerance, depth_error, wp.float64(0.0), ray)
+                    record(scene, taken, t, step, tolerance, depth_error, wp.float64(0.0), ray)
                     taken += 1
                 t = stop
                 q0 = q4
                 continue
-            # The outer integral over what the inner one settled on, whose samples are those of its first step.
+            # The outer integral over what the inner one settled on, whose samples are those of a step as long.
+            rest = step
             if wp.static(coupled):
-                outer = rest
+                outer = step
                 outer_succeeded = bool(True)
             step = fitted(outer, rest)
-            if wp.static(not coupled):
-                if step < rest:
-                    q1, q2, q3, q4 = sampled(scene, origin, direction, t, step)
-                    count += 4
+            fresh = step == rest
+            known = bool(False)
             while rest > wp.float64(0.0):
+                if not fresh:
+                    q1, q2, q3, q4 = sampled(scene, origin, direction, t, step, known, q2, q4)
+                    count += wp.where(known, 2, 4)
+                fresh = False
                 segment, outer_error = contribution(q0, q1, q2, q3, q4, real(step))
                 # What is behind the ray's opacity counts for less.
                 outer_error *= wp.float64(1.0) - ray[3]
                 if outer_error > tolerance and step > shortest:
-                    step, q1, q2, q3, q4, new = halved(scene, origin, direction, t, step, q0, q1, q2)
-                    count += new
+                    other_step = wp.float64(0.5) * step
+                    other_t = t + other_step
+                    other_q2 = q3
+                    other_q4 = q4
+                    known = other_step >= scene.steps.shortest
+                    step = wp.max(other_step, scene.steps.shortest)
+                    q4 = q2
+                    q2 = q1
                     outer = step
                     outer_succeeded = False
                 else:
@@ -204,9 +232,10 @@ def make_adaptive(variant):
                     rest -= step
                     q0 = q4
                     step = fitted(outer, rest)
-                    if rest > wp.float64(0.0):
-                        q1, q2, q3, q4 = sampled(scene, origin, direction, t, step)
-                        count += 4
+                    known = t == other_t and step == other_step
+                    if known:
+                        q2 = other_q2
+                        q4 = other_q4
             t = stop
         return ray, count
 

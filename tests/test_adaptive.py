@@ -115,6 +115,73 @@ def test_recursive_and_iterative_agree_within_tolerance(device, tolerance):
 
 
 @every_coupling
+def test_steps_of_figure_1(device, coupling):
+    """Where what varies comes first, doubling keeps to the recursive grid: both algorithms take the same steps."""
+    n, top = 1025, 1e-3
+    z = np.linspace(0, 1, n)
+    volume = centered(np.exp(-8 * z)[:, None, None] * np.ones((1, 2, 2)), (1, 1, 1 / (n - 1)))
+    # So thin that the outer integrand is the inner one.
+    tf = wvr.TransferFunction([(0, (1, 1, 1), 0.0), (1, (1, 1, 1), top)], unit_distance=1.0)
+    for tolerance, count in ((1e-5, 1), (1e-6, 2), (1e-7, 4)):
+        _, steps = recursive(lambda t: -np.log1p(-top) * np.interp(t, z, np.exp(-8 * z)), 0.0, 1.0, tolerance)
+        integrator = wvr.AdaptiveSimpson(tolerance, h0=n - 1, hmin=1, hmax=n - 1, coupling=coupling)
+        image = wvr.render(
+            volume, tf, along(2), (1, 1), integrator=integrator, device=device, precision="float64", termination=0
+        )
+        taken = image.trace(0, 0)
+        assert len(steps) == count
+        np.testing.assert_allclose(np.stack([taken["t"], taken["length"]], 1), (n - 1) * np.array(steps), rtol=1e-9)
+
+
+@every_coupling
+def test_tolerance_of_a_ray(device, smooth, coupling):
+    """Steps share it out by length, and the ray keeps it."""
+    exact = wvr.render(*smooth, (24, 24), integrator=wvr.Exact(), device=device)
+    for tolerance in (1e-3, 1e-4, 1e-5):
+        integrator = wvr.AdaptiveSimpson(tolerance, coupling=coupling, hmin=0.01, scope="ray")
+        image = wvr.render(*smooth, (24, 24), integrator=integrator, device=device, precision="float64", termination=0)
+        assert wvr.compare(image, exact).max < tolerance
+        assert image.trace(12, 12)["tolerance"].sum() == pytest.approx(tolerance)
+    assert "a ray" in image.stats["tolerance_covers"]
+
+
+@every_coupling
+def test_samples_are_used_again(device, coupling):
+    """A halved step keeps three of its five samples, and the half beyond it two: two new ones a half."""
+    n = 1025
+    volume = centered(np.exp(-8 * np.linspace(0, 1, n))[:, None, None] * np.ones((1, 2, 2)), (1, 1, 1 / (n - 1)))
+    tf = wvr.TransferFunction([(0, (1, 1, 1), 0.0), (1, (1, 1, 1), 1e-3)], unit_distance=1.0)
+    integrator = wvr.AdaptiveSimpson(1e-7, h0=n - 1, hmin=1, hmax=n - 1, coupling=coupling)
+    image = wvr.render(
+        volume, tf, along(2), (1, 1), integrator=integrator, device=device, precision="float64", termination=0
+    )
+    # 5 over the ray, halved three times, the second eighth; then a quarter and a half, four each.
+    assert image.samples[0, 0] == 5 + 3 * 2 + 2 + 4 + 4
+
+
+@every_coupling
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("unit", [1.0, 1e-3, 1e-9])
+def test_forced_steps_stay_in_range(device, coupling, precision, unit):
+    """Opaque within a fraction of the shortest step: no value exceeds what can be seen, none is NaN."""
+    volume = centered(np.random.default_rng(5).random((12, 12, 12)))
+    tf = wvr.TransferFunction([(0, "red", 0.0), (0.5, "lime", 0.0), (0.5, "lime", 1.0), (1, "blue", 1.0)], unit)
+    image = wvr.render(
+        volume,
+        tf,
+        wvr.Camera.fit(volume),
+        (24, 24),
+        integrator=wvr.AdaptiveSimpson(1e-4, coupling=coupling),
+        device=device,
+        precision=precision,
+        termination=0,
+    )
+    assert np.all(np.isfinite(image.rgba)) and image.rgba.min() >= 0 and image.rgba[..., 3].max() <= 1
+    assert np.all(image.rgba[..., :3].sum(axis=2) <= image.rgba[..., 3] * (1 + 1e-5))
+    assert image.rgba[12, 12, 3] == pytest.approx(1)
+
+
+@every_coupling
 def test_absent_data(device, coupling):
     data = np.full((12, 12, 12), 5.0, np.float32)
     data[6, 6, 6] = np.nan
@@ -148,6 +215,7 @@ def test_threads_do_not_change_a_bit(smooth, coupling, threads):
         ({"hmin": 3.0}, "hmin must be at most hmax = 2.0, got 3.0"),
         ({"hmin": 0.0}, "hmin must be finite and > 0"),
         ({"h0": 5.0}, "h0 must be from hmin = 0.1 to hmax = 2.0, got 5.0"),
+        ({"scope": "image"}, "scope must be one of 'step', 'ray', got 'image'"),
         ({"coupling": "loose"}, "coupling must be one of 'coupled', 'decoupled', got 'loose'"),
     ],
 )

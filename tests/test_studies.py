@@ -2,9 +2,11 @@
 
 import json
 
+import numpy as np
 import pytest
 
-from studies import common, lum2004, stability
+import wvr
+from studies import campagnolo2015, common, lum2004, stability
 
 
 @pytest.fixture(autouse=True)
@@ -25,3 +27,32 @@ def test_stability(folder):
     stability.main("--quick")
     rows = json.loads((folder / "stability" / "tables.json").read_text())["rows"]
     assert len(rows) == 10 and not any(row[count] for row in rows for count in stability.COUNTS)
+
+
+def test_campagnolo2015(folder):
+    campagnolo2015.main("--quick")
+    folder = folder / "campagnolo2015"
+    names = {path.name for path in folder.iterdir()}
+    assert {f"figure{i}.png" for i in range(2, 7)} <= names
+    assert {f"table{i}.csv" for i in ("I", "II", "III", "V", "VI")} <= names
+    rows = json.loads((folder / "tableI.json").read_text())["rows"]
+    over = {row["method"]: row["A of exact"] for row in rows if row["limit"] == 0.001}
+    # The order of the paper's Table I: adaptive steps of a ray's tolerance, fine uniform ones, coarse ones.
+    assert over["Coupled"] < 1 and over["Decoupled"] < 1
+    assert over["Coupled"] < over["Riemann h = 0.1"] < over["Riemann h = 0.5"]
+    assert over["midpoint h = 0.5"] < over["Riemann h = 0.5"]
+    steps = json.loads((folder / "figure6.json").read_text())["rows"]
+    assert max(step["length"] for step in steps) <= 4 and steps[-1]["A"] > 0.5
+    first = next(row for row in rows if row["method"] == "Riemann h = 0.5" and row["limit"] == 0.01)
+    assert first["A paper"] == 12.766
+
+
+def test_linear_opacity():
+    """The opacity of a step is tau h, in world units of any size."""
+    tf = wvr.TransferFunction([(0, "red", 0.0), (1, "blue", 0.6)])
+    changed = campagnolo2015.linear_opacity(tf, unit=0.1, h=0.5)
+    s = np.linspace(0, 1, 7)
+    np.testing.assert_allclose(
+        -np.expm1(-changed.extinction(s, 0.1) * 0.05), tf.extinction(s, 0.1) * 0.05, rtol=0, atol=1e-7
+    )
+    np.testing.assert_allclose(changed.color(s), tf.color(s), atol=1e-12)

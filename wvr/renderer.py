@@ -150,7 +150,7 @@ class Renderer:
         if isinstance(self.integrator, AdaptiveSimpson):
             whole = "a ray" if self.integrator.scope == "ray" else f"a step of {self.integrator.h0:g} voxel spacings"
             stats["tolerance_covers"] = (
-                f"the error estimates of {whole}, in proportion to length; not forced steps, nor what lies between samples"
+                f"the error estimates of {whole}, shared out by length; not forced steps, nor what lies between samples"
             )
             tracer = _tracer(variant, scene, count, device)
         return Image(rgba.numpy(), count, None, stats, self.background, tracer)

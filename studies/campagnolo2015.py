@@ -1,0 +1,389 @@
+"""Campagnolo, Celes and de Figueiredo, "Accurate Volume Rendering based on Adaptive Numerical Integration" (2015).
+
+Tables I to VI and Figures 2 to 6, the paper's numbers beside ours: ``python -m studies.campagnolo2015 [--quick]``.
+The volumes are those of the paper where they lie in ``../shared/data``, else generated ones stand in for them; its
+transfer functions and views are not published, so ours look like its Figure 3, and shares and times compare in kind.
+
+Two choices make the paper's numbers what they are, and are followed here. Its Riemann sum is of first order (five times
+the step, five times the error): opacity tau h of samples at the front of a step, without the exponential, called
+"Riemann" below; ours, "midpoint", has exact opacities and is of second order. And its tolerance is that of a ray, of
+which a step has its share by length (``scope="ray"``); with a tolerance of 0.001 for each step of h0 hardly any step
+would ever be halved. Nothing leaps over empty space here.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+import wvr
+from benchmarks.harness import COLORS, save_figure
+from wvr.color import linear_to_srgb
+from wvr.launch import get_device
+
+from .common import output, write_rows
+
+PAPER = json.loads((Path(__file__).parent / "data" / "campagnolo2015.json").read_text(encoding="utf-8"))
+DATA = Path(__file__).parents[1] / "../shared/data"
+STEPS = (0.5, 0.4, 0.3, 0.2, 0.1)
+TOLERANCES = (0.01, 0.005, 0.001)
+REFERENCE_STEP = 0.01
+CHANNELS = ("R", "G", "B", "A")
+
+# (volume, stand-in, control points, direction towards the camera, up, angle of view), in the order of the tables.
+SCENES: dict[str, tuple[str, str, list, tuple, tuple, float]] = {
+    "BluntFin": (
+        "bluntfin",
+        "turbulence",
+        [
+            (0.35, (0, 0, 0.6), 0.0),
+            (0.75, (0, 0.1, 1), 0.05),
+            (1.0, (0, 0.2, 1), 0.03),
+            (1.3, (0, 0.8, 0.5), 0.06),
+            (1.7, (0.2, 0.9, 0), 0.15),
+            (2.3, (1, 0.8, 0), 0.4),
+            (3.2, (1, 0.2, 0), 0.6),
+            (4.9, (1, 0, 0), 0.8),
+        ],
+        (-0.6, 0.55, 0.65),
+        (0, 1, 0),
+        20.0,
+    ),
+    "Bonsai": (
+        "bonsai",
+        "tree",
+        [
+            (10, (0, 0.5, 0), 0.0),
+            (60, (0.1, 0.7, 0), 0.2),
+            (110, (0.6, 0.3, 0), 0.2),
+            (170, (0.7, 0.3, 0), 0.6),
+            (255, (0.9, 0.4, 0), 0.8),
+        ],
+        (0.35, 0.25, 1),
+        (0, 1, 0),
+        20.0,
+    ),
+    "Teapot": (
+        "teapot",
+        "spheres",
+        [
+            (30, (0.6, 0.1, 0), 0.0),
+            (52, (0.9, 0.2, 0.1), 0.15),
+            (75, (0.8, 0.3, 0.1), 0.03),
+            (95, (0.7, 0.6, 0.3), 0.02),
+            (125, (1, 0.8, 0.4), 0.12),
+            (150, (1, 0.9, 0.7), 0.3),
+        ],
+        (0.25, -0.45, -1),
+        (0, -1, 0),
+        20.0,
+    ),
+    "Engine": (
+        "engine",
+        "blobs",
+        [
+            (80, (0.2, 0.3, 0.6), 0.0),
+            (140, (0.4, 0.5, 0.8), 0.04),
+            (175, (0.5, 0.5, 0.6), 0.03),
+            (195, (0.9, 0.6, 0.2), 0.03),
+            (220, (1, 0.5, 0.1), 0.4),
+            (255, (1, 0.8, 0.4), 0.6),
+        ],
+        (0.8, -0.7, -0.6),
+        (0, 0, -1),
+        20.0,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A volume as the paper shows it."""
+
+    name: str
+    volume: wvr.Volume
+    tf: wvr.TransferFunction
+    camera: wvr.Camera
+    size: tuple[int, int]
+
+    def render(self, integrator: Any, tf: wvr.TransferFunction | None = None, device: Any = None) -> wvr.Image:
+        """With every sample computed, and rays followed to where 1e-5 of the light is left."""
+        return wvr.render(
+            self.volume,
+            self.tf if tf is None else tf,
+            self.camera,
+            self.size,
+            integrator=integrator,
+            device=device,
+            termination=1e-5,
+            skip_empty=False,
+        )
+
+    def riemann(self, h: float) -> wvr.Image:
+        """As the paper sums: the opacity of a step is tau h, at its front."""
+        return self.render(wvr.Riemann(h, "left"), linear_opacity(self.tf, self.volume.smallest_spacing, h))
+
+
+def make_scene(name: str, quick: bool) -> Scene:
+    """A scene of the paper or, where its volume is not there, its stand-in."""
+    stem, generated, points, direction, up, angle = SCENES[name]
+    path = DATA / f"{stem}.nrrd"
+    if path.exists() and not quick:
+        volume = wvr.read(path)
+    else:
+        volume = wvr.datasets.load(generated, 32 if quick else 192)
+        low, high = volume.range
+        first, last = points[0][0], points[-1][0]
+        scale = (high - low) / (last - first)
+        points = [(low + (s - first) * scale, color, opacity) for s, color, opacity in points]
+    fit = wvr.Camera.fit(volume, direction=direction, up=up)
+    camera = wvr.Camera(fit.position, fit.target, up=up, view_angle=angle)
+    return Scene(name, volume, wvr.TransferFunction(points), camera, (80, 60) if quick else (800, 600))
+
+
+def linear_opacity(tf: wvr.TransferFunction, unit: float, h: float, entries: int = 4096) -> wvr.TransferFunction:
+    """The transfer function whose exact opacity of a step ``h`` is tau h, the first term of 1 - exp(-tau h)."""
+    s = np.union1d(np.linspace(tf.knots[0], tf.knots[-1], entries), tf.knots)
+    length = h * unit
+    return wvr.TransferFunction.from_arrays(
+        s, tf.color(s), np.minimum(tf.extinction(s, unit) * length, 1.0), unit_distance=length
+    )
+
+
+def adaptive(tolerance: float, coupling: str = "coupled", **options: Any) -> wvr.AdaptiveSimpson:
+    """With the paper's parameters."""
+    return wvr.AdaptiveSimpson(tolerance, coupling=coupling, **{"scope": "ray"} | options)
+
+
+# --- Tables I, II and VI, Figures 4 and 5 -----------------------------------------------------------------------------
+
+
+def accuracy(folder: Path, scene: Scene, table: str, figure: str) -> NDArray[np.floating]:
+    """Rays over the tolerances; returns the exact image."""
+    exact = scene.render(wvr.Exact()).rgba
+    sums = scene.riemann(REFERENCE_STEP).rgba
+    images: dict[str, dict[float, wvr.Image]] = {}
+    for h in STEPS:
+        images[f"Riemann h = {h:g}"] = dict.fromkeys(TOLERANCES, scene.riemann(h))
+    for h in STEPS:
+        images[f"midpoint h = {h:g}"] = dict.fromkeys(TOLERANCES, scene.render(wvr.Riemann(h)))
+    for coupling in ("coupled", "decoupled"):
+        images[coupling.capitalize()] = {t: scene.render(adaptive(t, coupling)) for t in TOLERANCES}
+    images["Coupled, tolerance of a step"] = {t: scene.render(adaptive(t, scope="step")) for t in TOLERANCES}
+    rows = _share_rows(table, images, exact, sums)
+    between = wvr.compare(sums, exact)
+    print(f"{scene.name}: Riemann h = {REFERENCE_STEP:g} against Exact\n{between}")
+    rows.append(
+        {"method": f"Riemann h = {REFERENCE_STEP:g}", "limit": "max"}
+        | {f"{c} of exact": float(m) for c, m in zip(CHANNELS, between.channel_max, strict=True)}
+    )
+    write_rows(folder, f"table{table}", f"Table {table}: {PAPER[table]['title']}", rows)
+    _histogram(folder / figure, scene.name, rows)
+    return exact
+
+
+def _share_rows(
+    table: str, images: dict[str, dict[float, wvr.Image]], exact: NDArray, sums: NDArray
+) -> list[dict[str, Any]]:
+    """A row for each method and limit: per cent of rays over it, of the paper, against both references."""
+    rows = []
+    for limit in next(iter(images.values())):
+        for method, by_limit in images.items():
+            image = by_limit[limit]
+            row: dict[str, Any] = {"method": method, "limit": limit, "samples": image.stats["samples"]}
+            paper = PAPER[table]["rows"].get(method, {}).get(f"{limit:g}", [None] * 4)
+            for label, values in (
+                ("paper", paper),
+                ("of exact", 100 * wvr.compare(image, exact, [limit]).channel_shares[limit]),
+                ("of sum", 100 * wvr.compare(image, sums, [limit]).channel_shares[limit]),
+            ):
+                row |= {f"{c} {label}": v if v is None else float(v) for c, v in zip(CHANNELS, values, strict=True)}
+            rows.append(row)
+    return rows
+
+
+def _histogram(path: Path, name: str, rows: list[dict[str, Any]]) -> None:
+    """Share of rays over the smallest tolerance, the paper's and ours."""
+    rows = [row for row in rows if row["limit"] == TOLERANCES[-1]]
+    figure = Figure(figsize=(9, 6), layout="constrained")
+    panels = figure.subplots(2, 1, sharey=True)
+    for axes, label, title in zip(panels, ("paper", "of exact"), ("the paper", "wvr, against Exact"), strict=True):
+        shown = [row for row in rows if row[f"A {label}"] is not None]
+        for i, (channel, color) in enumerate(zip(CHANNELS, ("#D55E00", "#009E73", "#0072B2", "0.3"), strict=True)):
+            place = np.arange(len(shown)) + 0.2 * (i - 1.5)
+            axes.bar(place, [max(row[f"{channel} {label}"], 1e-4) for row in shown], 0.2, color=color, label=channel)
+        names = [row["method"].replace(" h", "\nh").replace(", ", ",\n") for row in shown]
+        axes.set_xticks(np.arange(len(shown)), names)
+        axes.tick_params(axis="x", labelsize="x-small")
+        axes.set(yscale="log", ylim=(1e-3, 100), ylabel="rays over 0.001 [%]", title=f"{name}: {title}")
+        axes.grid(axis="y", color="0.9")
+        axes.set_axisbelow(True)
+    panels[0].legend(ncols=4, frameon=False, fontsize="small")
+    save_figure(figure, path)
+
+
+def wide_steps(folder: Path, scene: Scene, exact: NDArray) -> None:
+    """Tables V and VI: Bonsai with hmin = 0.4 and hmax = 4."""
+    limit = TOLERANCES[-1]
+    methods = {name: adaptive(limit, name.lower(), hmin=0.4, hmax=4.0) for name in ("Coupled", "Decoupled")}
+    images = {"Riemann h = 0.1": {limit: scene.riemann(0.1)}}
+    images |= {name: {limit: scene.render(integrator)} for name, integrator in methods.items()}
+    rows = _share_rows("VI", images, exact, scene.riemann(REFERENCE_STEP).rgba)
+    write_rows(folder, "tableVI", f"Table VI: {PAPER['VI']['title']}", rows)
+    times = fastest(scene, {"Riemann h = 0.1": wvr.Riemann(0.1)} | methods, "cpu")
+    rows = []
+    for (method, paper), time in zip(PAPER["V"]["rows"].items(), times.values(), strict=True):
+        baseline = PAPER["V"]["rows"]["Riemann h = 0.1"][0]
+        first = next(iter(times.values()))
+        row = {"method": method, "paper s": paper[0], "s": time, "paper ratio": paper[0] / baseline}
+        rows.append(row | {"ratio": time / first})
+    write_rows(folder, "tableV", f"Table V: {PAPER['V']['title']}", rows)
+
+
+# --- Tables III and IV ------------------------------------------------------------------------------------------------
+
+
+def fastest(scene: Scene, integrators: dict[str, Any], device: str, rounds: int = 2) -> dict[str, float]:
+    """Seconds of casting the rays: the faster of two rounds, in which the methods take turns."""
+    renderers = {
+        name: wvr.Renderer(scene.volume, scene.tf, integrator=integrator, device=device, skip_empty=False)
+        for name, integrator in integrators.items()
+    }
+    for renderer in renderers.values():
+        renderer.render(scene.camera, (8, 6))  # kernels are built
+    times = [
+        {name: r.render(scene.camera, scene.size).stats["seconds_raycast"] for name, r in renderers.items()}
+        for _ in range(rounds)
+    ]
+    return {name: min(time[name] for time in times) for name in renderers}
+
+
+def speed(folder: Path, scenes: Sequence[Scene], device: str) -> None:
+    """Table III on the CPU, Table IV on a CUDA device."""
+    table = "III" if device == "cpu" else "IV"
+    integrators: dict[str, Any] = {f"Riemann h = {h:g}": wvr.Riemann(h) for h in STEPS}
+    for tolerance in TOLERANCES:
+        for coupling in ("coupled", "decoupled"):
+            integrators[f"{coupling.capitalize()} ε = {tolerance:g}"] = adaptive(tolerance, coupling)
+    rows: list[dict[str, Any]] = [{"method": name} for name in integrators]
+    first = "Riemann h = 0.5"
+    for i, scene in enumerate(scenes):
+        times = fastest(scene, integrators, device)
+        for row in rows:
+            paper, base = PAPER[table]["rows"][row["method"]][i], PAPER[table]["rows"][first][i]
+            ours = times[row["method"]] if table == "III" else 1 / times[row["method"]]
+            row[f"{scene.name} paper"], row[scene.name] = paper, ours
+            row[f"{scene.name} paper ratio"] = paper / base if table == "III" else base / paper
+            row[f"{scene.name} ratio"] = times[row["method"]] / times[first]
+    title = f"Table {table}: {PAPER[table]['title']}; {wvr.get_num_threads()} threads, ratios to {first}"
+    write_rows(folder, f"table{table}", title, rows)
+    figure = Figure(figsize=(8, 4), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, label, title in zip(panels, ("paper ratio", "ratio"), ("the paper", "wvr"), strict=True):
+        for i, scene in enumerate(scenes):
+            values = [row[f"{scene.name} {label}"] for row in rows]
+            axes.plot(values, np.arange(len(rows)), "os^D"[i], color=COLORS[i], label=scene.name)
+        axes.axvline(1, color="0.6", lw=0.8)
+        axes.set(xscale="log", title=title, xlabel=f"time over that of {first}")
+        axes.grid(color="0.9")
+    panels[0].set_yticks(np.arange(len(rows)), [row["method"] for row in rows], fontsize="small")
+    panels[0].invert_yaxis()
+    panels[1].legend(frameon=False, fontsize="small")
+    save_figure(figure, folder / f"table{table}")
+
+
+# --- Figures 2, 3 and 6 -----------------------------------------------------------------------------------------------
+
+
+def figure2(folder: Path, scene: Scene) -> None:
+    """What a step without a longest length leaps over."""
+    longest = {"no hmax": 1e4, "hmax = 8": 8.0}
+    images = {
+        name: scene.render(adaptive(TOLERANCES[0], hmax=hmax)).composited("white") for name, hmax in longest.items()
+    }
+    figure = Figure(figsize=(9, 2.6), layout="constrained")
+    panels = figure.subplots(1, 3)
+    for axes, (name, rgb) in zip(panels, images.items(), strict=False):
+        axes.imshow(np.clip(linear_to_srgb(rgb), 0, 1))
+        axes.set(title=name, xticks=[], yticks=[])
+    difference = np.abs(np.subtract(*images.values())).max(axis=2)
+    shown = panels[2].imshow(difference, cmap="magma")
+    panels[2].set(title="largest difference of a channel", xticks=[], yticks=[])
+    figure.colorbar(shown, ax=panels[2])
+    save_figure(figure, folder / "figure2")
+
+
+def figure3(folder: Path, scenes: Sequence[Scene]) -> None:
+    """The scenes and their transfer functions."""
+    figure = Figure(figsize=(9, 7.6), layout="constrained")
+    panels = figure.subplots(4, 2, height_ratios=[4, 1, 4, 1])
+    for i, scene in enumerate(scenes):
+        top, bottom = panels[i // 2 * 2, i % 2], panels[i // 2 * 2 + 1, i % 2]
+        rgb = scene.render(adaptive(TOLERANCES[0])).composited("white")
+        top.imshow(np.clip(linear_to_srgb(rgb), 0, 1))
+        top.set(title=f"{scene.name}: {scene.volume}".replace("Volume", ""), xticks=[], yticks=[])
+        top.title.set_fontsize("small")
+        s = np.linspace(*scene.volume.range, 400)
+        opacity = -np.expm1(-scene.tf.extinction(s, scene.volume.smallest_spacing) * scene.volume.smallest_spacing)
+        bottom.bar(s, opacity, s[1] - s[0], color=np.clip(linear_to_srgb(scene.tf.color(s)), 0, 1))
+        bottom.set(xlabel="scalar", ylabel="opacity of a voxel", xlim=scene.volume.range, ylim=(0, 1))
+        bottom.xaxis.label.set_fontsize("small")
+        bottom.yaxis.label.set_fontsize("x-small")
+    save_figure(figure, folder / "figure3")
+
+
+def figure6(folder: Path, scene: Scene) -> None:
+    """The steps of a ray, hmin = 0.4 and hmax = 4, tolerance 0.01."""
+    image = scene.render(adaptive(TOLERANCES[0], hmin=0.4, hmax=4.0))
+    alpha = image.rgba[..., 3]
+    busiest = np.where((alpha > 0.5) & (alpha < 0.98), image.samples, 0)
+    y, x = np.unravel_index(np.argmax(busiest), busiest.shape)
+    steps = image.trace(int(x), int(y))
+    fine = scene.render(adaptive(1e-6, h0=0.05, hmin=0.01, hmax=0.1)).trace(int(x), int(y))
+    figure = Figure(figsize=(8, 5), layout="constrained")
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+    ends, fine_ends = steps["t"] + steps["length"], fine["t"] + fine["length"]
+    top.plot(fine_ends, fine["rgba"][:, 3], color="0.6", lw=1, label="steps of at most 0.1")
+    top.plot(ends, steps["rgba"][:, 3], "o", ms=3, color=COLORS[0], label="ends of adaptive steps")
+    forced = steps["forced"]
+    top.plot(ends[forced], steps["rgba"][forced, 3], "o", ms=3, color=COLORS[3], label="forced")
+    top.set(ylabel="opacity", title=f"{scene.name}, ray of pixel ({x}, {y}): {len(steps)} steps")
+    top.legend(frameon=False)
+    bottom.step(np.append(steps["t"], ends[-1:]), np.append(steps["length"], steps["length"][-1:]), where="post")
+    bottom.set(xlabel="position along the ray [voxels]", ylabel="step [voxels]")
+    for axes in (top, bottom):
+        axes.grid(color="0.9")
+    save_figure(figure, folder / "figure6")
+    columns = {"forced": forced.astype(int)} | {c: steps["rgba"][:, i] for i, c in enumerate(CHANNELS)}
+    columns = {key: steps[key] for key in ("t", "length", "tolerance", "depth_error", "error")} | columns
+    rows = [dict(zip(columns, (v.item() for v in row), strict=True)) for row in zip(*columns.values(), strict=True)]
+    write_rows(folder, "figure6", f"Figure 6: steps of the ray of pixel ({x}, {y})", rows)
+
+
+def main(*arguments: str) -> None:
+    """Run all parts; ``--quick`` is small and takes generated volumes."""
+    quick = "--quick" in arguments
+    folder = output("campagnolo2015")
+    scenes = {name: make_scene(name, quick) for name in SCENES}
+    bonsai = scenes["Bonsai"]
+    figure3(folder, list(scenes.values()))
+    figure2(folder, bonsai)
+    figure6(folder, bonsai)
+    exact = accuracy(folder, bonsai, "I", "figure4")
+    accuracy(folder, scenes["BluntFin"], "II", "figure5")
+    wide_steps(folder, bonsai, exact)
+    for device in (get_device("cpu"), *wp.get_cuda_devices()[:1]):
+        speed(folder, list(scenes.values()), device.alias)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
