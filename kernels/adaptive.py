@@ -7,15 +7,15 @@ The inner integral, optical depth, goes first; the interval it settles on is the
 and opacity together, unless nothing absorbs in it. The tolerance of a step is proportional to its length, so what is
 compared is the error per length.
 
-Beyond the paper: t advances (Algorithm 3 leaves that out), a step that the end of its interval cuts short tells nothing
-about the next one's length, and a step's four channels are scaled to the opacity that its optical depth has, which
-keeps them in range where a step is forced however dense it is.
+Beyond the paper: t advances (Algorithm 3 leaves that out); an error of optical depth counts by the transparency in
+front of it, as one of colour does, which is what it does to the image; samples of the second half of a halved step are
+used again; a step that the end of its interval cuts short tells nothing about the next one's length; and a step's four
+channels are scaled to the opacity that its optical depth has, which keeps them in range however dense a forced step is.
 
 Known wrong case: what lies between all five samples of a step is not seen, whatever the tolerance.
 """
 
 from functools import cache
-from typing import Any
 
 import warp as wp
 
@@ -87,8 +87,8 @@ def make_adaptive(variant):
         )
 
     @wp.func
-    def error(q0: Any, q1: Any, q2: Any, q3: Any, q4: Any):
-        """|D - S| / 15 per length, of one or each channel."""
+    def error(q0: vec4, q1: vec4, q2: vec4, q3: vec4, q4: vec4):
+        """|D - S| / 15 per length, of each channel."""
         return real(wp.static(1.0 / 180.0)) * wp.abs(real(4.0) * (q1 + q3) - real(6.0) * q2 - (q0 + q4))
 
     @wp.func
@@ -166,7 +166,8 @@ def make_adaptive(variant):
             while attempt:
                 q1, q2, q3, q4 = sampled(scene, origin, direction, t, step, known, q2, q4)
                 count += wp.where(known, 2, 4)
-                depth_error = wp.float64(error(q0[3], q1[3], q2[3], q3[3], q4[3]))
+                # What is behind the ray's opacity counts for less.
+                depth_error = (wp.float64(1.0) - ray[3]) * wp.float64(error(q0, q1, q2, q3, q4)[3])
                 attempt = depth_error > tolerance and step > shortest
                 if attempt:
                     other_step = wp.float64(0.5) * step
@@ -207,7 +208,6 @@ def make_adaptive(variant):
                     count += wp.where(known, 2, 4)
                 fresh = False
                 segment, outer_error = contribution(q0, q1, q2, q3, q4, real(step))
-                # What is behind the ray's opacity counts for less.
                 outer_error *= wp.float64(1.0) - ray[3]
                 if outer_error > tolerance and step > shortest:
                     other_step = wp.float64(0.5) * step

@@ -43,7 +43,7 @@ class Step:
     t: wp.float64  # where it starts
     length: wp.float64
     tolerance: wp.float64  # that of its length
-    depth_error: wp.float64  # estimate of the interval of the inner integral that it lies in, for its length
+    depth_error: wp.float64  # estimate, for its length, of the interval of the inner integral that it lies in
     error: wp.float64  # estimate of the outer integral; 0 where nothing absorbs
     forced: bool  # taken in spite of an estimate above the tolerance
     rgba: wp.vec4d  # the ray's composite at its end

@@ -115,7 +115,7 @@ class Scene:
     camera: wvr.Camera
     size: tuple[int, int]
 
-    def render(self, integrator: Any, tf: wvr.TransferFunction | None = None, device: Any = None) -> wvr.Image:
+    def render(self, integrator: Any, tf: wvr.TransferFunction | None = None, skip_empty: bool = False) -> wvr.Image:
         """With every sample computed, and rays followed to where 1e-5 of the light is left."""
         return wvr.render(
             self.volume,
@@ -123,14 +123,14 @@ class Scene:
             self.camera,
             self.size,
             integrator=integrator,
-            device=device,
             termination=1e-5,
-            skip_empty=False,
+            skip_empty=skip_empty,
         )
 
-    def riemann(self, h: float) -> wvr.Image:
+    def riemann(self, h: float, skip_empty: bool = False) -> wvr.Image:
         """As the paper sums: the opacity of a step is tau h, at its front."""
-        return self.render(wvr.Riemann(h, "left"), linear_opacity(self.tf, self.volume.smallest_spacing, h))
+        tf = linear_opacity(self.tf, self.volume.smallest_spacing, h)
+        return self.render(wvr.Riemann(h, "left"), tf, skip_empty)
 
 
 def make_scene(name: str, quick: bool) -> Scene:
@@ -167,10 +167,15 @@ def adaptive(tolerance: float, coupling: str = "coupled", **options: Any) -> wvr
 # --- Tables I, II and VI, Figures 4 and 5 -----------------------------------------------------------------------------
 
 
-def accuracy(folder: Path, scene: Scene, table: str, figure: str) -> NDArray[np.floating]:
-    """Rays over the tolerances; returns the exact image."""
-    exact = scene.render(wvr.Exact()).rgba
-    sums = scene.riemann(REFERENCE_STEP).rgba
+def references(scene: Scene) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """The exact image, and the paper's reference: a fine sum."""
+    return scene.render(wvr.Exact(), skip_empty=True).rgba, scene.riemann(REFERENCE_STEP, skip_empty=True).rgba
+
+
+def accuracy(
+    folder: Path, scene: Scene, table: str, figure: str, exact: NDArray[np.floating], sums: NDArray[np.floating]
+) -> None:
+    """Rays over the tolerances."""
     images: dict[str, dict[float, wvr.Image]] = {}
     for h in STEPS:
         images[f"Riemann h = {h:g}"] = dict.fromkeys(TOLERANCES, scene.riemann(h))
@@ -188,7 +193,6 @@ def accuracy(folder: Path, scene: Scene, table: str, figure: str) -> NDArray[np.
     )
     write_rows(folder, f"table{table}", f"Table {table}: {PAPER[table]['title']}", rows)
     _histogram(folder / figure, scene.name, rows)
-    return exact
 
 
 def _share_rows(
@@ -231,13 +235,13 @@ def _histogram(path: Path, name: str, rows: list[dict[str, Any]]) -> None:
     save_figure(figure, path)
 
 
-def wide_steps(folder: Path, scene: Scene, exact: NDArray) -> None:
+def wide_steps(folder: Path, scene: Scene, exact: NDArray[np.floating], sums: NDArray[np.floating]) -> None:
     """Tables V and VI: Bonsai with hmin = 0.4 and hmax = 4."""
     limit = TOLERANCES[-1]
     methods = {name: adaptive(limit, name.lower(), hmin=0.4, hmax=4.0) for name in ("Coupled", "Decoupled")}
     images = {"Riemann h = 0.1": {limit: scene.riemann(0.1)}}
     images |= {name: {limit: scene.render(integrator)} for name, integrator in methods.items()}
-    rows = _share_rows("VI", images, exact, scene.riemann(REFERENCE_STEP).rgba)
+    rows = _share_rows("VI", images, exact, sums)
     write_rows(folder, "tableVI", f"Table VI: {PAPER['VI']['title']}", rows)
     times = fastest(scene, {"Riemann h = 0.1": wvr.Riemann(0.1)} | methods, "cpu")
     rows = []
@@ -330,8 +334,7 @@ def figure3(folder: Path, scenes: Sequence[Scene]) -> None:
         top, bottom = panels[i // 2 * 2, i % 2], panels[i // 2 * 2 + 1, i % 2]
         rgb = scene.render(adaptive(TOLERANCES[0])).composited("white")
         top.imshow(np.clip(linear_to_srgb(rgb), 0, 1))
-        top.set(title=f"{scene.name}: {scene.volume}".replace("Volume", ""), xticks=[], yticks=[])
-        top.title.set_fontsize("small")
+        top.set(title=f"{scene.name}, {' x '.join(map(str, scene.volume.dimensions))}", xticks=[], yticks=[])
         s = np.linspace(*scene.volume.range, 400)
         opacity = -np.expm1(-scene.tf.extinction(s, scene.volume.smallest_spacing) * scene.volume.smallest_spacing)
         bottom.bar(s, opacity, s[1] - s[0], color=np.clip(linear_to_srgb(scene.tf.color(s)), 0, 1))
@@ -378,9 +381,10 @@ def main(*arguments: str) -> None:
     figure3(folder, list(scenes.values()))
     figure2(folder, bonsai)
     figure6(folder, bonsai)
-    exact = accuracy(folder, bonsai, "I", "figure4")
-    accuracy(folder, scenes["BluntFin"], "II", "figure5")
-    wide_steps(folder, bonsai, exact)
+    truth = references(bonsai)
+    accuracy(folder, bonsai, "I", "figure4", *truth)
+    wide_steps(folder, bonsai, *truth)
+    accuracy(folder, scenes["BluntFin"], "II", "figure5", *references(scenes["BluntFin"]))
     for device in (get_device("cpu"), *wp.get_cuda_devices()[:1]):
         speed(folder, list(scenes.values()), device.alias)
 
