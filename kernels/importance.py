@@ -8,9 +8,12 @@ from functools import cache
 
 import warp as wp
 
+from .precision import vec3_of
 from .transfer import make_transfer, make_transparent
 
 BLOCK = wp.constant(8)
+# A leap ends so much before a face, for the rounding of positions.
+MARGIN = 1.0e-4
 
 
 def blocks(shape):
@@ -69,3 +72,38 @@ def make_empty(real):
             result[bk, bj, bi] = wp.uint8(1)
 
     return empty
+
+
+@cache
+def make_leap(real):
+    """``leap(empty, last, origin, direction, start, length)``: where the row of empty blocks ends that a ray is in at
+    ``start``, at most ``length``; ``start`` itself where its block is not empty. ``last`` is the field's last cell.
+    """
+    vec3 = vec3_of(real)
+
+    @wp.func
+    def leap(
+        empty: wp.array3d(dtype=wp.uint8), last: wp.vec3i, origin: vec3, direction: vec3, start: real, length: real
+    ):
+        block = wp.vec3i()
+        for a in range(3):
+            block[a] = wp.min(wp.max(int(origin[a] + start * direction[a]), 0), last[a]) // BLOCK
+        end = start
+        while end < length and empty[block[2], block[1], block[0]] != wp.uint8(0):
+            # The outermost blocks end with the box.
+            end = length
+            axis = int(0)
+            for a in range(3):
+                face = block[a] * BLOCK
+                if direction[a] > real(0.0):
+                    face += BLOCK
+                if direction[a] != real(0.0) and face > 0 and face <= last[a]:
+                    t = (real(face) - origin[a]) / direction[a]
+                    if t < end:
+                        end = t
+                        axis = a
+            if end < length:
+                block[axis] += wp.where(direction[axis] > real(0.0), 1, -1)
+        return end
+
+    return leap

@@ -74,6 +74,7 @@ def make_scene(variant):
         steps: Steps
         field: Field
         transfer: Transfer
+        empty: wp.array3d(dtype=wp.uint8)
         trace: wp.array(dtype=Step)
 
     return TracedScene if variant.traced else Scene

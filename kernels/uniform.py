@@ -11,7 +11,7 @@ from functools import cache
 import warp as wp
 
 from .field import make_field
-from .importance import BLOCK
+from .importance import MARGIN, make_leap
 from .precision import REALS, vec3_of, vec4_of
 from .scene import make_scene
 from .segment import make_interval, make_opacities, over, widened
@@ -76,6 +76,7 @@ def make_uniform(variant):
     _, lookup = make_table(real)
     opacities = make_opacities(real, PACKET)
     linear_segment = make_linear_segment(real)
+    leap = make_leap(real)
 
     @wp.func
     def present(s: real):
@@ -116,32 +117,12 @@ def make_uniform(variant):
             return classify(scene.transfer, s)
 
     @wp.func
-    def leap(scene: Scene, origin: vec3, direction: vec3, length: real, step: real, i: int):
+    def ahead_of(scene: Scene, origin: vec3, direction: vec3, length: real, step: real, i: int):
         """The first segment that does not end in the row of empty blocks where segment ``i`` begins."""
-        block = wp.vec3i()
-        for a in range(3):
-            here = int(origin[a] + real(i) * step * direction[a])
-            block[a] = wp.min(wp.max(here, 0), scene.field.last[a]) // BLOCK
-        end = real(i) * step
-        while end < length and scene.empty[block[2], block[1], block[0]] != wp.uint8(0):
-            # The outermost blocks end with the box.
-            end = length
-            axis = int(0)
-            for a in range(3):
-                face = block[a] * BLOCK
-                if direction[a] > real(0.0):
-                    face += BLOCK
-                if direction[a] != real(0.0) and face > 0 and face <= scene.field.last[a]:
-                    t = (real(face) - origin[a]) / direction[a]
-                    if t < end:
-                        end = t
-                        axis = a
-            if end < length:
-                block[axis] += wp.where(direction[axis] > real(0.0), 1, -1)
+        end = leap(scene.empty, scene.field.last, origin, direction, real(i) * step, length)
         if end >= length:
             return int(wp.ceil(length / step))
-        # The margin is for the rounding of positions: a sample must not be beyond the face.
-        return int((end - real(1.0e-4)) / step)
+        return int((end - real(wp.static(MARGIN))) / step)
 
     @wp.func
     def march(scene: Scene, origin: vec3, direction: vec3, length: real):
@@ -159,7 +140,7 @@ def make_uniform(variant):
         while i < count and ray[3] <= scene.steps.opaque:
             if wp.static(skip):
                 if idle:
-                    ahead = leap(scene, origin, direction, length, step, i)
+                    ahead = ahead_of(scene, origin, direction, length, step, i)
                     if ahead > i:
                         i = ahead
                         if wp.static(ends):

@@ -66,7 +66,9 @@ def test_trace_is_the_ray(device, smooth, coupling):
     volume, _, camera = smooth
     tf = wvr.TransferFunction.isosurfaces([0.4, 0.7], opacity=0.8, width=0.05)
     integrator = wvr.AdaptiveSimpson(1e-3, coupling=coupling)
-    image = wvr.render(volume, tf, camera, (16, 12), integrator=integrator, device=device, precision="float64")
+    image = wvr.render(
+        volume, tf, camera, (16, 12), integrator=integrator, device=device, precision="float64", skip_empty=False
+    )
     ends = 0
     for x, y in ((8, 6), (5, 4), (11, 8)):
         steps = image.trace(x, y)
@@ -231,3 +233,22 @@ def test_trace_errors(smooth):
     image = wvr.render(*smooth, (4, 4), integrator=wvr.AdaptiveSimpson(1e-2))
     with pytest.raises(IndexError, match="x, y must be a pixel of the 4 x 4 image, got 4, 0"):
         image.trace(4, 0)
+
+
+@every_coupling
+def test_leaps_over_empty_blocks(device, coupling):
+    """Fewer samples, the same picture within tolerance, and the trace is that of the ray that leapt."""
+    data = np.zeros((64, 64, 64), np.uint8)
+    data[24:36, 20:44, 28:40] = np.random.default_rng(3).integers(50, 255, (12, 24, 12))
+    volume = centered(data)
+    tf = wvr.TransferFunction([(20, "navy", 0.0), (255, "gold", 0.3)])
+    camera = wvr.Camera.fit(volume)
+    integrator = wvr.AdaptiveSimpson(1e-4, coupling=coupling, scope="ray")
+    options = {"integrator": integrator, "device": device, "precision": "float64", "termination": 0}
+    leapt, whole = (wvr.render(volume, tf, camera, (48, 48), **options, skip_empty=skip) for skip in (True, False))
+    exact = wvr.render(volume, tf, camera, (48, 48), integrator=wvr.Exact(), device=device)
+    assert leapt.samples.sum() < 0.7 * whole.samples.sum()
+    assert np.array_equal(leapt.rgba[..., 3] > 0, exact.rgba[..., 3] > 0)
+    assert wvr.compare(leapt, exact).max < 2 * wvr.compare(whole, exact).max + 1e-4
+    steps = leapt.trace(24, 24)
+    assert steps["t"][0] > 10 and steps["rgba"][-1] == pytest.approx(leapt.rgba[24, 24], abs=1e-12)

@@ -30,8 +30,6 @@ from .volume import Volume
 
 DEFAULT = Preintegrated(0.5)
 TERMINATION = 1 / 1024
-# Rules whose march leaps over empty blocks.
-SKIPPING = ("left", "midpoint", "trapezoid", "simpson", "preintegrated", "exact")
 INTEGRATORS = (Riemann, Simpson, Preintegrated, AdaptiveSimpson, Exact)
 
 
@@ -108,9 +106,8 @@ class Renderer:
         if rule == "exact":
             precision = "float64"
         real = REALS[precision]
-        skip = self.skip_empty and rule in SKIPPING
         variant = Variant(
-            wp.dtype_from_numpy(self.volume.dtype), precision, rule, not self.volume.has_nonfinite, skip=skip
+            wp.dtype_from_numpy(self.volume.dtype), precision, rule, not self.volume.has_nonfinite, self.skip_empty
         )
         _check_memory(self.volume, width, height, device)
 
@@ -122,7 +119,7 @@ class Renderer:
         scene.transfer = self._transfer(precision, shift, device)
         if rule == "preintegrated":
             scene.table = self._table(precision, shift, device)
-        if rule == "exact" or skip:
+        if rule == "exact" or self.skip_empty:
             scene.empty = self._empty(variant, shift, scene.transfer, device)
         if rule in ("preintegrated", "exact"):
             scene.nodes = nodes_array(precision, device)
@@ -337,7 +334,7 @@ def _tracer(
 
     def trace(x: int, y: int) -> NDArray[np.void]:
         traced = make_scene(variant)()
-        for name in ("view", "steps", "field", "transfer"):
+        for name in ("view", "steps", "field", "transfer", "empty"):
             setattr(traced, name, getattr(scene, name))
         traced.trace = wp.zeros(int(count[y, x]), dtype=Step, device=device)
         rgba = wp.empty(count.shape, dtype=vec4_of(REALS[variant.precision]), device=device)
