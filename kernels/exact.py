@@ -26,18 +26,20 @@ DEPTHS = ((1e-4, 0), (0.01, 1), (2.0, 2), (4.0, 3))
 
 
 @cache
-def make_exact(variant):
-    """``march(scene, origin, direction, length)`` -> composite of the ray, and the number of pieces integrated."""
-    finite = variant.finite
+def make_pieces(variant):
+    """Of a scalar that is the cubic ``s`` of the length from the start of a piece:
+
+    ``extinction(tf, s, k)`` -> its extinction in interval k of the transfer function and the optical depth, a quartic;
+    ``moment(nodes, s, tau, D, length)`` -> int (s - s0) dA; ``piece(tf, nodes, s, length, k)`` -> segment in interval k;
+    ``cut(scene, s, length)`` -> segment in whatever intervals there are, and the number of its pieces.
+    """
     Scene = make_scene(variant)
-    _, corners = make_corners(variant.dtype)
     Transfer, interval, _ = make_transfer(wp.float64)
-    transparent = make_transparent(wp.float64)
     absorbed, _ = make_absorbed(wp.float64)
     sizes = [n for _, n in RULES["float64"]]
     (d0, n0), (d1, n1), (d2, n2), (d3, n3) = [(depth, sizes[rule]) for depth, rule in DEPTHS]
     o1, o2, o3 = np.cumsum(sizes)[:3].tolist()
-    cut = CUT["float64"]
+    opaque = CUT["float64"]
 
     @wp.func
     def moment(nodes: wp.array(dtype=wp.vec2d), s: wp.vec4d, tau: wp.vec4d, D: vec5d, length: wp.float64):
@@ -57,7 +59,7 @@ def make_exact(variant):
         total = wp.float64(0.0)
         start = wp.float64(0.0)
         reached = wp.float64(0.0)
-        while reached < wp.min(depth, wp.float64(cut)):
+        while reached < wp.min(depth, wp.float64(opaque)):
             stop = length
             reached += wp.float64(d3)
             if reached < depth:
@@ -75,13 +77,10 @@ def make_exact(variant):
         return total
 
     @wp.func
-    def piece(tf: Transfer, nodes: wp.array(dtype=wp.vec2d), s: wp.vec4d, length: wp.float64, k: int):
-        """Segment in interval k of the transfer function; ``s`` is the cubic about its start."""
-        front = tf.value[k] + (s[0] - tf.knot[k]) * tf.slope[k]
-        slope = tf.slope[k]
-        tau = slope[3] * s
+    def extinction(tf: Transfer, s: wp.vec4d, k: int):
+        tau = tf.slope[k][3] * s
         # Interpolated towards a knot where it is 0 it may be negative by rounding.
-        tau[0] = wp.max(front[3], wp.float64(0.0))
+        tau[0] = wp.max(tf.value[k][3] + (s[0] - tf.knot[k]) * tf.slope[k][3], wp.float64(0.0))
         D = vec5d(
             wp.float64(0.0),
             tau[0],
@@ -89,31 +88,23 @@ def make_exact(variant):
             wp.float64(wp.static(1.0 / 3.0)) * tau[2],
             wp.float64(0.25) * tau[3],
         )
-        depth = wp.max(quartic(D, length), wp.float64(0.0))
-        A = absorbed(depth)
-        segment = A * front
+        return tau, D
+
+    @wp.func
+    def piece(tf: Transfer, nodes: wp.array(dtype=wp.vec2d), s: wp.vec4d, length: wp.float64, k: int):
+        tau, D = extinction(tf, s, k)
+        slope = tf.slope[k]
+        A = absorbed(wp.max(quartic(D, length), wp.float64(0.0)))
+        segment = A * (tf.value[k] + (s[0] - tf.knot[k]) * slope)
         if slope[0] != wp.float64(0.0) or slope[1] != wp.float64(0.0) or slope[2] != wp.float64(0.0):
             segment += moment(nodes, s, tau, D, length) * slope
         segment[3] = A
         return segment
 
     @wp.func
-    def through(scene: Scene, i: int, j: int, k: int, p: wp.vec3d, d: wp.vec3d, length: wp.float64):
-        """Segment of a cell from its local point ``p``, and the number of its pieces."""
+    def cut(scene: Scene, s: wp.vec4d, length: wp.float64):
         segment = wp.vec4d()
         count = int(0)
-        c = corners(scene.field, i, j, k)
-        if not wp.static(finite):
-            for n in range(8):
-                if not wp.isfinite(c[n]):
-                    return segment, count
-        low = wp.min(c)
-        high = wp.max(c)
-        if transparent(scene.transfer, low, high):
-            return segment, count
-        s = cubic(c, p, d)
-        if interval(scene.transfer, low) == interval(scene.transfer, high):
-            return piece(scene.transfer, scene.nodes, s, length, interval(scene.transfer, low)), 1
         last = scene.transfer.knot.shape[0] - 1
         m = interval(scene.transfer, s[0])
         first, second = turns(s, length)
@@ -145,6 +136,37 @@ def make_exact(variant):
                 if crosses:
                     m += wp.where(rises, 1, -1)
             value = final
+        return segment, count
+
+    return extinction, moment, piece, cut
+
+
+@cache
+def make_exact(variant):
+    """``march(scene, origin, direction, length)`` -> composite of the ray, and the number of pieces integrated."""
+    finite = variant.finite
+    Scene = make_scene(variant)
+    _, corners = make_corners(variant.dtype)
+    Transfer, interval, _ = make_transfer(wp.float64)
+    transparent = make_transparent(wp.float64)
+    _, _, piece, cut = make_pieces(variant)
+
+    @wp.func
+    def through(scene: Scene, i: int, j: int, k: int, p: wp.vec3d, d: wp.vec3d, length: wp.float64):
+        """Segment of a cell from its local point ``p``, and the number of its pieces."""
+        c = corners(scene.field, i, j, k)
+        if not wp.static(finite):
+            for n in range(8):
+                if not wp.isfinite(c[n]):
+                    return wp.vec4d(), int(0)
+        low = wp.min(c)
+        high = wp.max(c)
+        if transparent(scene.transfer, low, high):
+            return wp.vec4d(), int(0)
+        s = cubic(c, p, d)
+        if interval(scene.transfer, low) == interval(scene.transfer, high):
+            return piece(scene.transfer, scene.nodes, s, length, interval(scene.transfer, low)), int(1)
+        segment, count = cut(scene, s, length)
         return segment, count
 
     @wp.func

@@ -13,21 +13,29 @@ from .precision import vec3_of
 
 
 @cache
-def make_corner(dtype, real):
-    """The struct of a field of ``dtype`` samples, and ``corner(field, i, j, k)`` -> ``real``, a sample less shift."""
-    shifted = dtype in (wp.float16, wp.float32, wp.float64)
-    shift_type = wp.float64 if dtype is wp.float64 else real
+def make_samples(dtype):
+    """The struct of a field of ``dtype`` samples."""
 
     @wp.struct
     class Field:
         data: wp.array3d(dtype=dtype)  # [z, y, x]
         last: wp.vec3i  # the last cell along x, y, z: two less than the samples, of which there are at least two
-        shift: shift_type
+        shift: wp.float64  # a float32 number
+
+    return Field
+
+
+@cache
+def make_corner(dtype, real):
+    """The struct of a field of ``dtype`` samples, and ``corner(field, i, j, k)`` -> ``real``, a sample less shift."""
+    shifted = dtype in (wp.float16, wp.float32, wp.float64)
+    wide = wp.float64 if dtype is wp.float64 else real
+    Field = make_samples(dtype)
 
     @wp.func
     def corner(field: Field, i: int, j: int, k: int):
         if wp.static(shifted):
-            return real(shift_type(field.data[k, j, i]) - field.shift)
+            return real(wide(field.data[k, j, i]) - wide(field.shift))
         return real(field.data[k, j, i])
 
     return Field, corner

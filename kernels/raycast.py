@@ -9,6 +9,7 @@ from functools import cache
 import warp as wp
 
 from .adaptive import make_adaptive
+from .certified import make_certified
 from .exact import make_exact
 from .precision import REALS, vec3_of, vec4_of
 from .ray import entry, pixel
@@ -24,6 +25,7 @@ MARCHES = {
     "adaptive-coupled": make_adaptive,
     "adaptive-decoupled": make_adaptive,
     "exact": make_exact,
+    "certified": make_certified,
 }
 
 
@@ -35,6 +37,7 @@ def make_raycast(variant):
     vec4 = vec4_of(real)
     Scene = make_scene(variant)
     march = MARCHES[variant.rule](variant)
+    certified = variant.rule == "certified"
 
     @wp.kernel(enable_backward=False, module="unique")
     def raycast(base: int, scene: Scene, rgba: wp.array2d(dtype=vec4), samples: wp.array2d(dtype=int)):
@@ -44,11 +47,17 @@ def make_raycast(variant):
         point, along, inside = entry(scene.view, x, y)
         ray = wp.vec4d()
         count = int(0)
+        bound = wp.float64(0.0)
         if inside > wp.float64(0.0):
             origin = vec3(real(point[0]), real(point[1]), real(point[2]))
             direction = vec3(real(along[0]), real(along[1]), real(along[2]))
-            ray, count = march(scene, origin, direction, real(inside))
+            if wp.static(certified):
+                ray, count, bound = march(scene, origin, direction, real(inside))
+            else:
+                ray, count = march(scene, origin, direction, real(inside))
         rgba[y, x] = vec4(real(ray[0]), real(ray[1]), real(ray[2]), real(ray[3]))
         samples[y, x] = count
+        if wp.static(certified):
+            scene.bound[y, x] = wp.float32(bound)
 
     return raycast

@@ -31,9 +31,13 @@ class Steps:
     step: wp.float64
     shortest: wp.float64
     longest: wp.float64
-    tolerance: wp.float64
+    tolerance: wp.float64  # of the whole, or of what a piece adds in parts of its opacity
     scope: wp.float64  # length that the tolerance belongs to; 0 is the ray's own
     opaque: wp.float64  # a ray ends when its opacity exceeds this
+    spare: wp.float64  # a ray ends when its bound, with all that may lie behind, is at most this
+    brightest: wp.float64  # largest component of a colour, 1 or more
+    tinted: wp.float64  # error of a simpler transfer function, in parts of a ray's opacity
+    veiled: wp.float64  # and of any ray, rounding included
 
 
 @wp.struct
@@ -65,6 +69,9 @@ def make_scene(variant):
         field: Field
         transfer: Transfer
         empty: wp.array3d(dtype=wp.uint8)  # [z, y, x] of blocks of cells, as of ``importance``
+        kinds: wp.array3d(dtype=wp.int16)  # [z, y, x] of small blocks of cells, as of ``blocks``
+        masks: wp.array3d(dtype=wp.uint64)  # of their cells
+        bound: wp.array2d(dtype=wp.float32)  # on the error of each ray
         table: Table
         nodes: wp.array(dtype=vec2)  # of ``segment.gauss_nodes``
 

@@ -8,7 +8,7 @@ import wvr
 from wvr.kernels.importance import blocks, make_empty, make_ranges
 from wvr.kernels.precision import REALS
 from wvr.launch import get_device, launch
-from wvr.tables import transfer_arrays
+from wvr.tables import transfer_arrays, transfer_values
 
 
 def block_ranges(data, device):
@@ -65,6 +65,6 @@ def test_flags_are_exactly_where_nothing_absorbs(device, precision, shift):
 
 def flags(ranges, tf, shift, precision, device):
     result = wp.empty(ranges.shape, dtype=wp.uint8, device=device)
-    transfer = transfer_arrays(tf, 1.0, shift, precision, get_device(device))
+    transfer = transfer_arrays(tf.knots, transfer_values(tf, 1.0), shift, precision, get_device(device))
     launch(make_empty(REALS[precision]), result.size, [ranges, wp.float64(shift), transfer, result], get_device(device))
     return result.numpy()

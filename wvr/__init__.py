@@ -4,7 +4,7 @@ from . import datasets, presets
 from .camera import Camera
 from .compare import Comparison, compare
 from .image import Image
-from .integrators import AdaptiveSimpson, Exact, Preintegrated, Riemann, Simpson
+from .integrators import AdaptiveSimpson, Certified, Exact, Preintegrated, Riemann, Simpson
 from .io import read, read_raw
 from .launch import get_num_threads, set_num_threads
 from .renderer import Renderer, render
@@ -15,6 +15,7 @@ from .volume import Volume
 __all__ = [
     "AdaptiveSimpson",
     "Camera",
+    "Certified",
     "Comparison",
     "Exact",
     "Image",

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from .camera import Camera, image_size
 from .color import linear_rgb
 from .image import Image
-from .integrators import AdaptiveSimpson, Exact, Integrator, Preintegrated, Riemann, Simpson
+from .integrators import AdaptiveSimpson, Certified, Exact, Integrator, Preintegrated, Riemann, Simpson
+from .kernels import blocks as small
 from .kernels.field import make_field
 from .kernels.importance import blocks, make_empty, make_ranges
 from .kernels.precision import REALS, vec4_of
@@ -23,14 +24,15 @@ from .kernels.ray import TILE, View, item, tiles
 from .kernels.raycast import make_raycast
 from .kernels.scene import Step, Steps, Variant, make_scene
 from .launch import get_device, launch
-from .tables import nodes_array, table_array, table_struct, transfer_arrays
+from .simplify import Simplified, simplify
+from .tables import nodes_array, table_array, table_struct, transfer_arrays, transfer_values
 from .transfer_function import TransferFunction
 from .validation import choice
 from .volume import Volume
 
-DEFAULT = Preintegrated(0.5)
+DEFAULT = Certified(1 / 512)
 TERMINATION = 1 / 1024
-INTEGRATORS = (Riemann, Simpson, Preintegrated, AdaptiveSimpson, Exact)
+INTEGRATORS = (Riemann, Simpson, Preintegrated, AdaptiveSimpson, Exact, Certified)
 
 
 class Renderer:
@@ -43,16 +45,15 @@ class Renderer:
     ----------
     volume, transfer_function
         What to render.
-    integrator
-        ``Preintegrated(0.5)`` by default.
+    integrator, tolerance
+        One of them; by default the tolerance is 1/512. See :func:`render`.
     precision
-        ``"float32"``, ``"float64"`` or ``"auto"`` (float32): that of everything along a ray but the sums, which are
-        float64, and that of the image.
+        ``"float32"``, ``"float64"`` or ``"auto"``; see :func:`render`.
     device
         Warp device; by default CUDA where there is one, else the CPU.
     termination
-        A ray ends when less than this transparency is left, in [0, 1); 0 is never. By default 1/1024, and 0 for
-        ``Exact``.
+        A ray ends when less than this transparency is left, in [0, 1); 0 is never. By default 1/1024, 0 for ``Exact``,
+        and for ``Certified`` what the tolerance has left.
     background
         What display and PNG files put behind the volume; ``rgba`` never has it.
     skip_empty
@@ -61,7 +62,9 @@ class Renderer:
     Attributes
     ----------
     builds
-        How often each part was built: ``"volume"``, ``"transfer"``, ``"table"``.
+        How often each part was built. Of the volume: ``"volume"`` (brought to the device), ``"ranges"``, ``"extents"``
+        (of blocks and small blocks of cells). Of the transfer function: ``"transfer"``, ``"table"``, ``"simplified"``.
+        Of both: ``"empty"``, ``"kinds"`` (which blocks and cells there is something to see in).
     """
 
     def __init__(
@@ -70,12 +73,17 @@ class Renderer:
         transfer_function: TransferFunction,
         *,
         integrator: Integrator | None = None,
+        tolerance: float | None = None,
         precision: str = "auto",
         device: Any = None,
         termination: float | None = None,
         background: str | Sequence[float] | None = None,
         skip_empty: bool = True,
     ):
+        if tolerance is not None:
+            if integrator is not None:
+                raise ValueError(f"tolerance = {tolerance!r} and integrator = {integrator!r}: give one of the two")
+            integrator = Certified(tolerance)
         self.volume = volume
         self.transfer_function = transfer_function
         self.integrator: Integrator = DEFAULT if integrator is None else integrator
@@ -86,6 +94,7 @@ class Renderer:
         self.skip_empty = skip_empty
         self.builds: Counter[str] = Counter()
         self._kept: dict[str, tuple[tuple, Any]] = {}
+        self._buffers: dict[tuple, wp.array] = {}
 
     def render(self, camera: Camera, size: tuple[int, int] = (512, 512)) -> Image:
         """Render one frame.
@@ -102,9 +111,11 @@ class Renderer:
         width, height = image_size(size)
         device = get_device(self.device)
         rule = self.integrator.rule
-        precision = "float32" if self.precision == "auto" else self.precision
+        shown = "float32" if self.precision == "auto" else self.precision
+        # Of the image; what is exact or certified is computed in float64.
+        precision = "float64" if rule in ("exact", "certified") else shown
         if rule == "exact":
-            precision = "float64"
+            shown = precision
         real = REALS[precision]
         variant = Variant(
             wp.dtype_from_numpy(self.volume.dtype), precision, rule, not self.volume.has_nonfinite, self.skip_empty
@@ -116,12 +127,19 @@ class Renderer:
         scene.view = view(self.volume, camera, width, height)
         scene.steps = self._steps()
         scene.field = self._field(variant, shift, device)
-        scene.transfer = self._transfer(precision, shift, device)
+        if isinstance(self.integrator, Certified):
+            scene.transfer = self._simplified(self.integrator.tolerance, shown, scene.steps, shift, device)
+        else:
+            scene.transfer = self._transfer(precision, shift, device)
         if rule == "preintegrated":
             scene.table = self._table(precision, shift, device)
-        if rule == "exact" or self.skip_empty:
+        bound = None
+        if rule == "certified":
+            scene.kinds, scene.masks = self._kinds(variant, shift, scene.transfer, device)
+            bound = scene.bound = wp.zeros((height, width), dtype=wp.float32, device=device)
+        elif rule == "exact" or self.skip_empty:
             scene.empty = self._empty(variant, shift, scene.transfer, device)
-        if rule in ("preintegrated", "exact"):
+        if rule in ("preintegrated", "exact", "certified"):
             scene.nodes = nodes_array(precision, device)
         rgba = wp.empty((height, width), dtype=vec4_of(real), device=device)
         samples = wp.empty((height, width), dtype=int, device=device)
@@ -140,7 +158,7 @@ class Renderer:
             "samples": int(count.sum(dtype=np.int64)),
             "bytes": self.volume.numpy().nbytes + rgba.capacity + samples.capacity,
             "device": device.name,
-            "precision": precision,
+            "precision": shown,
             "integrator": repr(self.integrator),
         }
         tracer = None
@@ -150,7 +168,16 @@ class Renderer:
                 f"the error estimates of {whole}, shared out by length; not forced steps, nor what lies between samples"
             )
             tracer = _tracer(variant, scene, count, device)
-        return Image(rgba.numpy(), count, None, stats, self.background, tracer)
+        error_bound = None
+        if isinstance(self.integrator, Certified):
+            assert bound is not None
+            error_bound = bound.numpy()
+            over = int(np.count_nonzero(error_bound > self.integrator.tolerance))
+            stats["bound_covers"] = (
+                "all channels: where rays ended, simplification of the transfer function, series and rounding"
+            )
+            stats["rays_over_tolerance"] = over
+        return Image(rgba.numpy().astype(shown, copy=False), count, error_bound, stats, self.background, tracer)
 
     def _check(self, camera: Camera) -> None:
         for name, value, accepted in (
@@ -181,6 +208,9 @@ class Renderer:
         steps = Steps()
         default = 0.0 if isinstance(self.integrator, Exact) else TERMINATION
         steps.opaque = 1.0 - (default if self.termination is None else self.termination)
+        if isinstance(self.integrator, Certified):
+            # The tolerance says when; a transparency that is asked for comes in its place.
+            steps.opaque = 1.0 if self.termination is None else steps.opaque
         for name, value in self.integrator.steps.items():
             setattr(steps, name, value)
         return steps
@@ -204,7 +234,9 @@ class Renderer:
     def _transfer(self, precision: str, shift: float, device: wp.Device) -> Any:
         tf, unit = self.transfer_function, self.volume.smallest_spacing
         key = (tf.key, unit, shift, precision, device.alias)
-        return self._keep("transfer", key, lambda: transfer_arrays(tf, unit, shift, precision, device))
+        return self._keep(
+            "transfer", key, lambda: transfer_arrays(tf.knots, transfer_values(tf, unit), shift, precision, device)
+        )
 
     def _empty(self, variant: Variant, shift: float, transfer: Any, device: wp.Device) -> wp.array:
         """Flags of the blocks of cells in which nothing has any extinction."""
@@ -228,6 +260,69 @@ class Renderer:
         key = (self.transfer_function.key, self.volume, shift, variant.precision, device.alias)
         return self._keep("empty", key, build_flags)
 
+    def _simplified(self, tolerance: float, shown: str, steps: Any, shift: float, device: wp.Device) -> Any:
+        """The transfer function with fewer control points; and how the tolerance is spent, into ``steps``."""
+        tf, unit = self.transfer_function, self.volume.smallest_spacing
+        brightest = max(1.0, float(tf.colors.max()))
+        low, high = self.volume.index_box
+        longest = float(np.linalg.norm(self.volume.index_to_world[:3, :3] @ (high - low))) / unit
+
+        def build() -> tuple[Simplified, Any]:
+            share = tolerance / 16
+            points = simplify(
+                tf.knots, transfer_values(tf, unit), share, share / brightest, share / (brightest * longest)
+            )
+            return points, transfer_arrays(points.knots, points.values, shift, "float64", device)
+
+        key = (tf.key, unit, longest, tolerance, shift, device.alias)
+        points, transfer = self._keep("simplified", key, build)
+        steps.tolerance = tolerance / 4
+        steps.brightest = brightest
+        steps.tinted = points.color + brightest * points.relative
+        # Rounding: of cuts at control points and of float64 sums, and of the image.
+        steps.veiled = brightest * (points.absolute * longest + 1e-8 + (np.finfo(shown).eps / 2))
+        steps.spare = -1.0
+        if self.termination is None:
+            steps.spare = tolerance - steps.tinted - steps.veiled
+        return transfer
+
+    def _kinds(self, variant: Variant, shift: float, transfer: Any, device: wp.Device) -> tuple[wp.array, wp.array]:
+        """Kinds of the small blocks of cells, and which of their cells there may be something to see in."""
+        data = self.volume.on(device)
+        shape = small.blocks(data.shape)
+        if not self.skip_empty:
+            everything = wp.empty(shape, dtype=wp.int16, device=device), wp.empty(shape, dtype=wp.uint64, device=device)
+            everything[0].fill_(int(small.SEVERAL))
+            everything[1].fill_(2**64 - 1)
+            return everything
+
+        def build_extents() -> wp.array:
+            result = self._buffer("extents", shape, wp.types.vector(2, variant.dtype), device)
+            launch(small.make_ranges(variant.dtype), result.size, [data, result], device)
+            return result
+
+        def build() -> tuple[wp.array, wp.array]:
+            masks = self._buffer("masks", shape, wp.uint64, device)
+            before, after = (self._buffer(name, shape, wp.int16, device) for name in ("kinds", "kinds before"))
+            launch(small.make_kinds(variant.dtype), masks.size, [extents, wp.float64(shift), transfer, before], device)
+            for axis in range(3):
+                launch(small.spread, masks.size, [axis, before, after], device)
+                before, after = after, before
+            inputs = [data, extents, wp.float64(shift), transfer, before, masks]
+            launch(small.make_masks(variant.dtype), masks.size, inputs, device)
+            return before, masks
+
+        extents = self._keep("extents", (self.volume, device.alias), build_extents)
+        return self._keep("kinds", (self._kept["simplified"][0], self.volume), build)
+
+    def _buffer(self, name: str, shape: tuple[int, ...], dtype: Any, device: wp.Device) -> wp.array:
+        """An array that is made once: volumes of one shape that follow each other write into the same."""
+        key = (name, shape, dtype, device.alias)
+        if key not in self._buffers:
+            self._buffers = {k: v for k, v in self._buffers.items() if k[0] != name}
+            self._buffers[key] = wp.empty(shape, dtype=dtype, device=device)
+        return self._buffers[key]
+
     def _table(self, precision: str, shift: float, device: wp.Device) -> Any:
         assert isinstance(self.integrator, Preintegrated)
         tf, unit = self.transfer_function, self.volume.smallest_spacing
@@ -245,6 +340,7 @@ def render(
     size: tuple[int, int] = (512, 512),
     *,
     integrator: Integrator | None = None,
+    tolerance: float | None = None,
     background: str | Sequence[float] | None = None,
     precision: str = "auto",
     device: Any = None,
@@ -263,18 +359,23 @@ def render(
         Where it is seen from.
     size
         (width, height) in pixels.
+    tolerance
+        Largest absolute error that any channel of any pixel may have, in (0, 1): the integrator is then
+        ``Certified(tolerance)``, and the image comes with an ``error_bound``. By default 1/512, less than an 8-bit
+        grey level.
     integrator
-        One of ``wvr.integrators``; ``Preintegrated(0.5)`` by default.
+        Any other of ``wvr.integrators``, instead of a tolerance.
     background
         What display and PNG files put behind the volume: a colour name, ``"#rrggbb"`` or three linear numbers.
     precision
         ``"auto"`` (float32), ``"float32"`` or ``"float64"``: that of everything along a ray but the sums, which are
-        always float64, and that of the image. ``Exact`` is float64 whatever is given.
+        always float64, and that of the image. ``Exact`` is float64 whatever is given; ``Certified`` computes in float64
+        and rounds the image.
     device
         Warp device; by default CUDA where there is one, else the CPU.
     termination
-        A ray ends when less than this transparency is left, in [0, 1); 0 is never. By default 1/1024, and 0 for
-        ``Exact``.
+        A ray ends when less than this transparency is left, in [0, 1); 0 is never. By default 1/1024, 0 for ``Exact``,
+        and for ``Certified`` what the tolerance has left.
     skip_empty
         Leap over blocks of the volume in which nothing has any extinction. False computes everything; the image is the
         same to rounding.
@@ -286,7 +387,8 @@ def render(
     Raises
     ------
     TypeError, ValueError
-        For arguments of another kind or value; each says which, what was given and what is accepted.
+        For arguments of another kind or value, or a tolerance and an integrator; each says which, what was given and
+        what is accepted.
     MemoryError
         Where volume and image cannot fit the device's memory.
     """
@@ -294,6 +396,7 @@ def render(
         volume,
         transfer_function,
         integrator=integrator,
+        tolerance=tolerance,
         precision=precision,
         device=device,
         termination=termination,

@@ -22,19 +22,25 @@ GENERATORS = ("incremental", "brute", "approximate", "running")
 WEIGHTS = (None, "lighting", "lum")
 
 
-def transfer_arrays(tf: TransferFunction, unit: float, shift: float, precision: str, device: wp.Device) -> Any:
-    """``tf`` as the struct of ``kernels.transfer``: extinction per ``unit`` of length, scalars minus ``shift``."""
+def transfer_values(tf: TransferFunction, unit: float) -> NDArray[np.float64]:
+    """(r, g, b, extinction per ``unit``) at the knots; ``unit`` is the smallest voxel spacing [world length]."""
+    return np.concatenate([tf.colors, tf.knot_extinctions(unit)[:, None] * unit], axis=1)
+
+
+def transfer_arrays(
+    scalars: NDArray[np.float64], values: NDArray[np.float64], shift: float, precision: str, device: wp.Device
+) -> Any:
+    """The struct of ``kernels.transfer``, of control points (n,) and what they have (n, 4); scalars minus ``shift``."""
     real = REALS[precision]
     Transfer, _, _ = make_transfer(real)
     numpy_real = np.dtype(precision)
-    knots = (tf.knots - shift).astype(numpy_real)
-    values = _values(tf, unit)
+    knots = (scalars - shift).astype(numpy_real)
     n = len(knots)
-    widths = np.diff(tf.knots)
+    widths = np.diff(scalars)
     # A jump is an interval without width: nothing is ever in it.
     slopes = np.diff(values, axis=0) / np.where(widths > 0, widths, 1.0)[:, None]
-    first, last = tf.knots[0], tf.knots[-1]
-    bins = int(np.clip(8 * n, 64, 8192)) if last > first else 1
+    first, last = scalars[0], scalars[-1]
+    bins = int(np.clip(8 * n, 512, 8192)) if last > first else 1
     scale = bins / (last - first) if last > first else 1.0
     # Which intervals a bin may need, with a margin for the rounding of its index.
     edges = np.linspace(first, last, bins + 1) - shift
@@ -414,11 +420,6 @@ def _domain(tf: TransferFunction, domain: Sequence[float] | None) -> tuple[float
         given = f"domain must be (lo, hi) with lo < hi, got {domain!r}"
         raise ValueError(given if domain is not None else f"{given}, and the control points are all at {lo:g}")
     return lo, hi
-
-
-def _values(tf: TransferFunction, unit: float) -> NDArray[np.float64]:
-    """(r, g, b, extinction per ``unit``) at the knots; ``unit`` is the smallest voxel spacing [world length]."""
-    return np.concatenate([tf.colors, tf.knot_extinctions(unit)[:, None] * unit], axis=1)
 
 
 class _Cut:

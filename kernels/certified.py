@@ -1,0 +1,443 @@
+"""The certified walk: cell by cell, each integrated within a bound that is summed along the ray.
+
+Inside a cell the scalar along a ray is a cubic, ``s(v) = m0 + m1 v + m2 v^2 + m3 v^3`` for v in [-1, 1], and its mean
+``m0 + m2 / 3`` and deviation ``w`` from it follow from one interpolation in the middle. Where the transfer function is
+linear over all that a piece of ray sees, the optical depth is exact: that of the mean. With x the depth, A the opacity
+and c' the slope of colour, the piece has the colour ``c(mean) A + c' V``, ``V = int w dA``. A series gives V,
+closed in the moments of w: with ``a = x / 2`` and ``g = tau' L / 2``, the extinction is ``a + g w``, the depth up to v
+``a (v + 1) + g W(v)``, W' = w, W(-1) = W(1) = 0, and
+
+    V = exp(-a) (g int w^2 - a^2 int v w  - a g int v w^2 - g^2 int w^2 W + ...).
+
+R bounds |w|. Behind the first two terms ``|V|`` is off by at most ``FIRST R x (a + |g| R)``, behind all four by
+``SECOND R x^2 (a + |g| R)`` (largest over millions of random cubics with extinction >= 0, with a margin of a sixth);
+relative to the opacity that the piece adds both are small, and opacities sum to one. A piece for which that is too
+much is integrated as ``Exact`` does.
+
+A cell that sees control points of the transfer function is cut where s reaches them.
+"""
+
+
+from functools import cache
+
+import warp as wp
+
+from .blocks import BITS, EMPTY
+from .exact import make_pieces
+from .field import make_corner
+from .scene import make_scene
+from .segment import over
+from .transfer import make_transfer
+
+FIRST = 0.05
+# Cells that are integrated at a time.
+PACKET = 4
+SECOND = 0.04
+# Opacity of a piece by a polynomial (2e-9 of it) up to this depth.
+FAINT = 0.6
+# A face so close to the end of the ray is the end.
+CLOSE = 1e-9
+
+
+CENTERED = """
+#pragma clang fp contract(fast)
+const size_t nx = data.shape[2];
+const size_t nxy = nx * data.shape[1];
+const auto* c = data.data + (k * nxy + j * nx + i);
+const double x = p[0], y = p[1], z = p[2];
+const double c000 = double(c[0]) - shift, c010 = double(c[nx]) - shift;
+const double c001 = double(c[nxy]) - shift, c011 = double(c[nxy + nx]) - shift;
+const double x00 = double(c[1]) - shift - c000, x10 = double(c[nx + 1]) - shift - c010;
+const double x01 = double(c[nxy + 1]) - shift - c001, x11 = double(c[nxy + nx + 1]) - shift - c011;
+const double v00 = c000 + x * x00, v01 = c001 + x * x01;
+const double y0 = c010 + x * x10 - v00, y1 = c011 + x * x11 - v01;
+const double v0 = v00 + y * y0, dz = v01 + y * y1 - v0;
+const double xy0 = x10 - x00, xyz = x11 - x01 - xy0, xz = x01 - x00 + y * xyz, yz = y1 - y0;
+const double dx = x00 + y * xy0 + z * xz, dy = y0 + z * yz, xy = xy0 + z * xyz;
+return wp::vec_t<4, double>(
+    v0 + z * dz,
+    h * (d[0] * dx + d[1] * dy + d[2] * dz),
+    h * h * (d[0] * (d[1] * xy + d[2] * xz) + d[1] * d[2] * yz),
+    h * h * h * (d[0] * d[1] * d[2] * xyz)
+);
+"""
+
+
+@cache
+def make_certified(variant):
+    """``march(scene, origin, direction, length)`` -> composite, number of cells and pieces, and bound on the error."""
+    finite = variant.finite
+    real = wp.float64
+    Scene = make_scene(variant)
+    _, corner = make_corner(variant.dtype, real)
+    Transfer, interval, _ = make_transfer(real)
+    _, _, piece, cut = make_pieces(variant)
+
+    lanes = wp.types.vector(PACKET, real)
+    places = wp.types.vector(PACKET, int)
+    flags = wp.types.vector(PACKET, bool)
+    cells = wp.types.matrix((3, PACKET), int)
+    one = wp.constant(lanes(*[1.0] * PACKET))
+
+    @wp.func_native(CENTERED)
+    def centered(
+        data: wp.array3d(dtype=variant.dtype), shift: real, i: int, j: int, k: int, p: wp.vec3d, d: wp.vec3d, h: real
+    ) -> wp.vec4d: ...
+
+    @wp.func
+    def from_start(m0: real, m1: real, m2: real, m3: real, L: real):
+        """The cubic of the length from the start of the piece."""
+        h = real(2.0) / L
+        return wp.vec4d(
+            m0 - m1 + m2 - m3, h * (m1 - real(2.0) * m2 + real(3.0) * m3), h * h * (m2 - real(3.0) * m3), h * h * h * m3
+        )
+
+    @wp.func
+    def colored(m1: real, m2: real, m3: real, a: real, g: real, steep: real, limit: real):
+        """V exp(a), and a bound on the error of ``steep`` V."""
+        R = wp.abs(m1) + real(wp.static(2.0 / 3.0)) * wp.abs(m2) + wp.abs(m3)
+        risk = steep * R * a * (a + wp.abs(g) * R)
+        error = real(wp.static(2.0 * FIRST)) * risk
+        ww = m1 * (real(wp.static(2.0 / 3.0)) * m1 + real(0.8) * m3) + (
+            real(wp.static(8.0 / 45.0)) * m2 * m2 + real(wp.static(2.0 / 7.0)) * m3 * m3
+        )
+        vw = real(wp.static(2.0 / 3.0)) * m1 + real(0.4) * m3
+        V = g * ww - a * a * vw
+        if error > limit:
+            error = real(wp.static(4.0 * SECOND)) * a * risk
+            vww = m2 * (real(wp.static(16.0 / 45.0)) * m1 + real(wp.static(32.0 / 105.0)) * m3)
+            wwW = (
+                m1 * m1 * (real(wp.static(2.0 / 15.0)) * m1 + real(wp.static(22.0 / 105.0)) * m3)
+                + m2 * m2 * (real(wp.static(8.0 / 135.0)) * m1 + real(wp.static(8.0 / 189.0)) * m3)
+                + m3 * m3 * (real(wp.static(38.0 / 315.0)) * m1 + real(wp.static(2.0 / 77.0)) * m3)
+            )
+            V += g * (g * wwW - a * vww)
+        return V, error
+
+    @wp.func
+    def steepest(slope: wp.vec4d):
+        red = wp.abs(slope[0])
+        green = wp.abs(slope[1])
+        blue = wp.abs(slope[2])
+        most = wp.where(red > green, red, green)
+        return wp.where(blue > most, blue, most)
+
+    @wp.func
+    def linear(scene: Scene, k: int, m0: real, m1: real, m2: real, m3: real, L: real):
+        """Segment of a cubic that stays in interval k, and a bound on its colour's error."""
+        mean = m0 + real(wp.static(1.0 / 3.0)) * m2
+        slope = scene.transfer.slope[k]
+        value = scene.transfer.value[k] + (mean - scene.transfer.knot[k]) * slope
+        segment = wp.vec4d()
+        error = real(0.0)
+        x = value[3] * L
+        if x > real(0.0):
+            a = real(0.5) * x
+            V, error = colored(m1, m2, m3, a, real(0.5) * L * slope[3], steepest(slope), scene.steps.tolerance * x)
+            A = real(1.0)
+            if x < real(FAINT):
+                # The series, in an order that takes few steps one after the other.
+                xx = x * x
+                A = x + xx * (
+                    (real(wp.static(1.0 / 6.0)) * x - real(0.5))
+                    + xx * (
+                        (real(wp.static(1.0 / 120.0)) * x - real(wp.static(1.0 / 24.0)))
+                        + xx * (
+                            (real(wp.static(1.0 / 5040.0)) * x - real(wp.static(1.0 / 720.0)))
+                            + xx * (real(wp.static(1.0 / 362880.0)) * x - real(wp.static(1.0 / 40320.0)))
+                        )
+                    )
+                )
+            else:
+                A = real(1.0) - wp.exp(-x)
+            V *= wp.sqrt(real(1.0) - A)
+            segment = A * value + V * slope
+            segment[3] = A
+            if error > scene.steps.tolerance * A:
+                s = from_start(m0, m1, m2, m3, L)
+                segment = piece(scene.transfer, scene.nodes, s, L, k)
+                error = real(0.0)
+        return segment, error
+
+    @wp.func
+    def crossing(scene: Scene, m0: real, m1: real, m2: real, m3: real, L: real):
+        """Segment of a monotone cubic through several intervals, a bound on its error, and the number of its pieces."""
+        segment = wp.vec4d()
+        error = real(0.0)
+        count = int(0)
+        start = real(-1.0)
+        value = m0 - m1 + m2 - m3
+        final = m0 + m1 + m2 + m3
+        last = scene.transfer.knot.shape[0] - 1
+        k = interval(scene.transfer, value)
+        rises = m1 > real(0.0)
+        close = real(1.0e-9) * wp.abs(m1)
+        while start < real(1.0):
+            stop = real(1.0)
+            crosses = k < last
+            knot = final
+            if rises:
+                if crosses:
+                    knot = scene.transfer.knot[wp.max(k + 1, 0)]
+                crosses = knot < final
+            else:
+                crosses = k > 0
+                if crosses:
+                    knot = scene.transfer.knot[wp.max(k, 0)]
+                crosses = knot > final
+            if crosses:
+                # Newton's method from the secant through both ends.
+                stop = start + (real(1.0) - start) * (knot - value) / (final - value)
+                for _ in range(20):
+                    off = m0 - knot + stop * (m1 + stop * (m2 + stop * m3))
+                    if wp.abs(off) <= close:
+                        break
+                    stop -= off / (m1 + stop * (real(2.0) * m2 + stop * real(3.0) * m3))
+                stop = wp.clamp(stop, start, real(1.0))
+                value = knot
+            if stop > start and scene.transfer.visible[k] == k:
+                c = real(0.5) * (start + stop)
+                w = real(0.5) * (stop - start)
+                curve = m2 + real(3.0) * c * m3
+                part, off = linear(
+                    scene,
+                    k,
+                    m0 + c * (m1 + c * (m2 + c * m3)),
+                    w * (m1 + c * (m2 + curve)),
+                    w * w * curve,
+                    w * w * w * m3,
+                    w * L,
+                )
+                error += (real(1.0) - segment[3]) * off
+                segment = over(segment, part)
+                count += 1
+            start = stop
+            if crosses:
+                k += wp.where(rises, 1, -1)
+            else:
+                start = real(1.0)
+        return segment, error, count
+
+    @wp.func
+    def series(x: lanes):
+        """1 - exp(-x) up to depth FAINT, in an order that takes few steps one after the other."""
+        xx = wp.cw_mul(x, x)
+        A = one * real(wp.static(-1.0 / 40320.0)) + x * real(wp.static(1.0 / 362880.0))
+        A = one * real(wp.static(-1.0 / 720.0)) + x * real(wp.static(1.0 / 5040.0)) + wp.cw_mul(xx, A)
+        A = one * real(wp.static(-1.0 / 24.0)) + x * real(wp.static(1.0 / 120.0)) + wp.cw_mul(xx, A)
+        A = one * real(-0.5) + x * real(wp.static(1.0 / 6.0)) + wp.cw_mul(xx, A)
+        return x + wp.cw_mul(xx, A)
+
+    @wp.func
+    def march(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, length: real):
+        zero = real(0.0)
+        far = real(1.0e300)
+        third = real(wp.static(1.0 / 3.0))
+        last = scene.field.last
+        outer = scene.transfer.knot.shape[0] - 1
+        d = direction
+        shift = zero
+        if wp.static(variant.dtype in (wp.float16, wp.float32, wp.float64)):
+            shift = scene.field.shift
+        # Between the faces of an axis that there are faces to cross along.
+        gap = wp.vec3d(far, far, far)
+        inverse = wp.vec3d()
+        for axis in range(3):
+            if d[axis] != zero and last[axis] > 0:
+                inverse[axis] = real(1.0) / d[axis]
+                gap[axis] = wp.abs(inverse[axis])
+        sx = wp.where(d[0] > zero, 1, -1)
+        sy = wp.where(d[1] > zero, 1, -1)
+        sz = wp.where(d[2] > zero, 1, -1)
+        i = wp.max(wp.min(int(origin[0]), last[0]), 0)
+        j = wp.max(wp.min(int(origin[1]), last[1]), 0)
+        k = wp.max(wp.min(int(origin[2]), last[2]), 0)
+        nx = far
+        ny = far
+        nz = far
+        leaps = bool(True)
+        t = zero
+        final = length - real(CLOSE)
+        clear = real(1.0) - scene.steps.opaque
+        T = real(1.0)
+        red = zero
+        green = zero
+        blue = zero
+        bound = zero
+        count = int(0)
+        cell = cells()
+        start = lanes()
+        long = lanes()
+        while t < length and T >= clear and bound + T * scene.steps.brightest > scene.steps.spare:
+            # The next cells that have something to see.
+            n = int(0)
+            while n < PACKET and t < length:
+                if leaps:
+                    # To where the ray leaves the cube of empty blocks.
+                    reach = EMPTY - int(scene.kinds[k >> BITS, j >> BITS, i >> BITS])
+                    if reach >= 0:
+                        ex = wp.where(d[0] > zero, (i >> BITS) + reach + 1, (i >> BITS) - reach) << BITS
+                        ey = wp.where(d[1] > zero, (j >> BITS) + reach + 1, (j >> BITS) - reach) << BITS
+                        ez = wp.where(d[2] > zero, (k >> BITS) + reach + 1, (k >> BITS) - reach) << BITS
+                        lx = wp.where(gap[0] < far, (real(ex) - origin[0]) * inverse[0], far)
+                        ly = wp.where(gap[1] < far, (real(ey) - origin[1]) * inverse[1], far)
+                        lz = wp.where(gap[2] < far, (real(ez) - origin[2]) * inverse[2], far)
+                        end = wp.where(lx < ly, lx, ly)
+                        end = wp.where(lz < end, lz, end)
+                        t = wp.where(end > t, end, t)
+                        if t > final:
+                            t = length
+                        i = wp.where(lx <= t, wp.where(d[0] > zero, ex, ex - 1), int(origin[0] + t * d[0]))
+                        j = wp.where(ly <= t, wp.where(d[1] > zero, ey, ey - 1), int(origin[1] + t * d[1]))
+                        k = wp.where(lz <= t, wp.where(d[2] > zero, ez, ez - 1), int(origin[2] + t * d[2]))
+                        i = wp.max(wp.min(i, last[0]), 0)
+                        j = wp.max(wp.min(j, last[1]), 0)
+                        k = wp.max(wp.min(k, last[2]), 0)
+                    nx = wp.where(gap[0] < far, (real(i + wp.max(sx, 0)) - origin[0]) * inverse[0], far)
+                    ny = wp.where(gap[1] < far, (real(j + wp.max(sy, 0)) - origin[1]) * inverse[1], far)
+                    nz = wp.where(gap[2] < far, (real(k + wp.max(sz, 0)) - origin[2]) * inverse[2], far)
+                    leaps = False
+                mask = scene.masks[wp.max(k, 0) >> BITS, wp.max(j, 0) >> BITS, wp.max(i, 0) >> BITS]
+                if mask == wp.uint64(0):
+                    leaps = True
+                    if t >= length:
+                        leaps = False
+                    continue
+                # The nearest face; comparisons, since Warp's min also looks for NaN.
+                stop = wp.where(nx < ny, nx, ny)
+                stop = wp.where(nz < stop, nz, stop)
+                stop = wp.where(stop > final, length, stop)
+                bit = wp.uint64((k & 3) << 4 | (j & 3) << 2 | i & 3)
+                if (mask >> bit) & wp.uint64(1) != wp.uint64(0):
+                    cell[0, n] = i
+                    cell[1, n] = j
+                    cell[2, n] = k
+                    start[n] = t
+                    long[n] = stop - t
+                    n += 1
+                t = stop
+                hit_x = nx <= stop
+                hit_y = ny <= stop
+                hit_z = nz <= stop
+                i += wp.where(hit_x, sx, 0)
+                j += wp.where(hit_y, sy, 0)
+                k += wp.where(hit_z, sz, 0)
+                nx += wp.where(hit_x, gap[0], zero)
+                ny += wp.where(hit_y, gap[1], zero)
+                nz += wp.where(hit_z, gap[2], zero)
+            # All of them at a time; what is beyond the last of the ray's has no length.
+            m0 = lanes()
+            m1 = lanes()
+            m2 = lanes()
+            m3 = lanes()
+            L = lanes()
+            for l in range(PACKET):
+                h = real(0.5) * long[l]
+                L[l] = wp.where(l < n, long[l], zero)
+                p = origin + (start[l] + h) * d - wp.vec3d(real(cell[0, l]), real(cell[1, l]), real(cell[2, l]))
+                m = centered(scene.field.data, shift, cell[0, l], cell[1, l], cell[2, l], p, d, h)
+                m0[l] = m[0]
+                m1[l] = m[1]
+                m2[l] = m[2]
+                m3[l] = m[3]
+            R = wp.abs(m1) + real(wp.static(2.0 / 3.0)) * wp.abs(m2) + wp.abs(m3)
+            mean = m0 + third * m2
+            single = flags(True)
+            at = places()
+            knot = lanes()
+            tau = lanes()
+            dtau = lanes()
+            steep = lanes()
+            for l in range(PACKET):
+                q = int(scene.kinds[wp.max(cell[2, l], 0) >> BITS, wp.max(cell[1, l], 0) >> BITS, wp.max(cell[0, l], 0) >> BITS])
+                if q < 0:
+                    q = interval(scene.transfer, mean[l] - R[l])
+                    if q < outer:
+                        single[l] = mean[l] + R[l] <= scene.transfer.knot[wp.max(q + 1, 0)]
+                q = wp.max(q, 0)
+                at[l] = q
+                knot[l] = scene.transfer.knot[q]
+                tau[l] = scene.transfer.value[q][3]
+                slope = scene.transfer.slope[q]
+                dtau[l] = slope[3]
+                steep[l] = steepest(slope)
+            off = mean - knot
+            x = wp.cw_mul(tau + wp.cw_mul(dtau, off), L)
+            for l in range(PACKET):
+                x[l] = wp.where(x[l] > zero, x[l], zero)
+            A = series(x)
+            if wp.max(x) > real(FAINT):
+                for l in range(PACKET):
+                    if x[l] > real(FAINT):
+                        A[l] = real(1.0) - wp.exp(-x[l])
+            a = real(0.5) * x
+            g = real(0.5) * wp.cw_mul(dtau, L)
+            aa = wp.cw_mul(a, a)
+            m11 = wp.cw_mul(m1, m1)
+            m22 = wp.cw_mul(m2, m2)
+            m33 = wp.cw_mul(m3, m3)
+            m13 = wp.cw_mul(m1, m3)
+            ww = real(wp.static(2.0 / 3.0)) * m11 + real(0.8) * m13 + real(wp.static(8.0 / 45.0)) * m22 + real(wp.static(2.0 / 7.0)) * m33
+            vw = real(wp.static(2.0 / 3.0)) * m1 + real(0.4) * m3
+            vww = wp.cw_mul(m2, real(wp.static(16.0 / 45.0)) * m1 + real(wp.static(32.0 / 105.0)) * m3)
+            wwW = (
+                wp.cw_mul(m11, real(wp.static(2.0 / 15.0)) * m1 + real(wp.static(22.0 / 105.0)) * m3)
+                + wp.cw_mul(m22, real(wp.static(8.0 / 135.0)) * m1 + real(wp.static(8.0 / 189.0)) * m3)
+                + wp.cw_mul(m33, real(wp.static(38.0 / 315.0)) * m1 + real(wp.static(2.0 / 77.0)) * m3)
+            )
+            V = wp.cw_mul(g, ww + wp.cw_mul(g, wwW) - wp.cw_mul(a, vww)) - wp.cw_mul(aa, vw)
+            risk = real(wp.static(4.0 * SECOND)) * wp.cw_mul(wp.cw_mul(steep, R), wp.cw_mul(aa, a + wp.cw_mul(wp.abs(g), R)))
+            simple = bool(True)
+            for l in range(PACKET):
+                V[l] *= wp.sqrt(real(1.0) - A[l])
+                single[l] = single[l] and risk[l] <= scene.steps.tolerance * A[l] + real(1.0e-300)
+                if not wp.static(finite):
+                    single[l] = single[l] and wp.isfinite(R[l])
+                simple = simple and single[l]
+            if simple:
+                for l in range(PACKET):
+                    value = scene.transfer.value[wp.max(at[l], 0)]
+                    slope = scene.transfer.slope[wp.max(at[l], 0)]
+                    TA = T * A[l]
+                    TV = T * V[l] + TA * off[l]
+                    red += TA * value[0] + TV * slope[0]
+                    green += TA * value[1] + TV * slope[1]
+                    blue += TA * value[2] + TV * slope[2]
+                    bound += T * risk[l]
+                    T -= TA
+            else:
+                l = int(0)
+                while l < n:
+                    segment = wp.vec4d()
+                    error = zero
+                    q = wp.max(at[l], 0)
+                    if single[l]:
+                        segment = (A[l] * (scene.transfer.value[q] + off[l] * scene.transfer.slope[q]) + V[l] * scene.transfer.slope[q])
+                        segment[3] = A[l]
+                        error = risk[l]
+                    else:
+                        pieces = int(0)
+                        known = bool(True)
+                        if not wp.static(finite):
+                            known = wp.isfinite(R[l])
+                        if known:
+                            if wp.abs(m1[l]) > real(4.0) * wp.abs(m2[l]) + real(6.0) * wp.abs(m3[l]):
+                                segment, error, pieces = crossing(scene, m0[l], m1[l], m2[l], m3[l], L[l])
+                            else:
+                                segment, pieces = cut(scene, from_start(m0[l], m1[l], m2[l], m3[l], L[l]), L[l])
+                        count += pieces
+                    bound += T * error
+                    red += T * segment[0]
+                    green += T * segment[1]
+                    blue += T * segment[2]
+                    T -= T * segment[3]
+                    l += 1
+            count += n
+        A_ = real(1.0) - T
+        if t < length:
+            bound += T * scene.steps.brightest
+        if A_ > zero:
+            bound += A_ * scene.steps.tinted + scene.steps.veiled
+        return wp.vec4d(red, green, blue, A_), count, bound
+
+    return march
