@@ -17,7 +17,6 @@ much is integrated as ``Exact`` does.
 A cell that sees control points of the transfer function is cut where s reaches them.
 """
 
-
 from functools import cache
 
 import warp as wp
@@ -115,6 +114,10 @@ def make_certified(variant):
         return V, error
 
     @wp.func
+    def absolute(v: wp.vec4d):
+        return wp.vec4d(wp.abs(v[0]), wp.abs(v[1]), wp.abs(v[2]), wp.abs(v[3]))
+
+    @wp.func
     def steepest(slope: wp.vec4d):
         red = wp.abs(slope[0])
         green = wp.abs(slope[1])
@@ -140,9 +143,11 @@ def make_certified(variant):
                 xx = x * x
                 A = x + xx * (
                     (real(wp.static(1.0 / 6.0)) * x - real(0.5))
-                    + xx * (
+                    + xx
+                    * (
                         (real(wp.static(1.0 / 120.0)) * x - real(wp.static(1.0 / 24.0)))
-                        + xx * (
+                        + xx
+                        * (
                             (real(wp.static(1.0 / 5040.0)) * x - real(wp.static(1.0 / 720.0)))
                             + xx * (real(wp.static(1.0 / 362880.0)) * x - real(wp.static(1.0 / 40320.0)))
                         )
@@ -268,7 +273,7 @@ def make_certified(variant):
         cell = cells()
         start = lanes()
         long = lanes()
-        while t < length and T >= clear and bound + T * scene.steps.brightest > scene.steps.spare:
+        while t < length and T >= clear:
             # The next cells that have something to see.
             n = int(0)
             while n < PACKET and t < length:
@@ -348,12 +353,42 @@ def make_certified(variant):
             tau = lanes()
             dtau = lanes()
             steep = lanes()
+            fade = lanes()
+            tint = lanes()
             for l in range(PACKET):
-                q = int(scene.kinds[wp.max(cell[2, l], 0) >> BITS, wp.max(cell[1, l], 0) >> BITS, wp.max(cell[0, l], 0) >> BITS])
+                q = int(
+                    scene.kinds[
+                        wp.max(cell[2, l], 0) >> BITS, wp.max(cell[1, l], 0) >> BITS, wp.max(cell[0, l], 0) >> BITS
+                    ]
+                )
                 if q < 0:
-                    q = interval(scene.transfer, mean[l] - R[l])
+                    low = mean[l] - R[l]
+                    high = mean[l] + R[l]
+                    q = interval(scene.transfer, low)
                     if q < outer:
-                        single[l] = mean[l] + R[l] <= scene.transfer.knot[wp.max(q + 1, 0)]
+                        single[l] = high <= scene.transfer.knot[wp.max(q + 1, 0)]
+                    if not single[l]:
+                        # Nearly so, if it only reaches into the intervals next to the mean's: off by most at its ends.
+                        q = interval(scene.transfer, mean[l])
+                        change = wp.vec4d()
+                        single[l] = True
+                        if q > 0:
+                            over = scene.transfer.knot[wp.max(q, 0)] - low
+                            if over > zero:
+                                change = over * absolute(
+                                    scene.transfer.slope[wp.max(q - 1, 0)] - scene.transfer.slope[wp.max(q, 0)]
+                                )
+                                single[l] = q == 1 or low >= scene.transfer.knot[wp.max(q - 1, 0)]
+                        if q < outer:
+                            over = high - scene.transfer.knot[wp.max(q + 1, 0)]
+                            if over > zero:
+                                change += over * absolute(
+                                    scene.transfer.slope[wp.max(q + 1, 0)] - scene.transfer.slope[wp.max(q, 0)]
+                                )
+                                if q + 1 < outer:
+                                    single[l] = single[l] and high <= scene.transfer.knot[wp.max(q + 2, 0)]
+                        fade[l] = change[3]
+                        tint[l] = steepest(change)
                 q = wp.max(q, 0)
                 at[l] = q
                 knot[l] = scene.transfer.knot[q]
@@ -377,7 +412,12 @@ def make_certified(variant):
             m22 = wp.cw_mul(m2, m2)
             m33 = wp.cw_mul(m3, m3)
             m13 = wp.cw_mul(m1, m3)
-            ww = real(wp.static(2.0 / 3.0)) * m11 + real(0.8) * m13 + real(wp.static(8.0 / 45.0)) * m22 + real(wp.static(2.0 / 7.0)) * m33
+            ww = (
+                real(wp.static(2.0 / 3.0)) * m11
+                + real(0.8) * m13
+                + real(wp.static(8.0 / 45.0)) * m22
+                + real(wp.static(2.0 / 7.0)) * m33
+            )
             vw = real(wp.static(2.0 / 3.0)) * m1 + real(0.4) * m3
             vww = wp.cw_mul(m2, real(wp.static(16.0 / 45.0)) * m1 + real(wp.static(32.0 / 105.0)) * m3)
             wwW = (
@@ -386,11 +426,16 @@ def make_certified(variant):
                 + wp.cw_mul(m33, real(wp.static(38.0 / 315.0)) * m1 + real(wp.static(2.0 / 77.0)) * m3)
             )
             V = wp.cw_mul(g, ww + wp.cw_mul(g, wwW) - wp.cw_mul(a, vww)) - wp.cw_mul(aa, vw)
-            risk = real(wp.static(4.0 * SECOND)) * wp.cw_mul(wp.cw_mul(steep, R), wp.cw_mul(aa, a + wp.cw_mul(wp.abs(g), R)))
+            risk = real(wp.static(4.0 * SECOND)) * wp.cw_mul(
+                wp.cw_mul(steep, R), wp.cw_mul(aa, a + wp.cw_mul(wp.abs(g), R))
+            )
             simple = bool(True)
             for l in range(PACKET):
                 V[l] *= wp.sqrt(real(1.0) - A[l])
-                single[l] = single[l] and risk[l] <= scene.steps.tolerance * A[l] + real(1.0e-300)
+                bent = scene.steps.brightest * fade[l] * L[l] + tint[l] * A[l]
+                most = scene.steps.tolerance * A[l] + real(1.0e-300)
+                single[l] = single[l] and risk[l] <= most and bent <= most
+                risk[l] += bent
                 if not wp.static(finite):
                     single[l] = single[l] and wp.isfinite(R[l])
                 simple = simple and single[l]
@@ -412,7 +457,10 @@ def make_certified(variant):
                     error = zero
                     q = wp.max(at[l], 0)
                     if single[l]:
-                        segment = (A[l] * (scene.transfer.value[q] + off[l] * scene.transfer.slope[q]) + V[l] * scene.transfer.slope[q])
+                        segment = (
+                            A[l] * (scene.transfer.value[q] + off[l] * scene.transfer.slope[q])
+                            + V[l] * scene.transfer.slope[q]
+                        )
                         segment[3] = A[l]
                         error = risk[l]
                     else:

@@ -34,7 +34,6 @@ class Steps:
     tolerance: wp.float64  # of the whole, or of what a piece adds in parts of its opacity
     scope: wp.float64  # length that the tolerance belongs to; 0 is the ray's own
     opaque: wp.float64  # a ray ends when its opacity exceeds this
-    spare: wp.float64  # a ray ends when its bound, with all that may lie behind, is at most this
     brightest: wp.float64  # largest component of a colour, 1 or more
     tinted: wp.float64  # error of a simpler transfer function, in parts of a ray's opacity
     veiled: wp.float64  # and of any ray, rounding included

@@ -32,7 +32,12 @@ def classified(tf, s, precision, device="cpu", shift=0.0, unit=1.0):
     device, real = get_device(device), REALS[precision]
     out = wp.zeros(len(s), dtype=vec4_of(real), device=device)
     scalars = wp.array((s - shift).astype(precision), dtype=real, device=device)
-    launch(CLASSIFIERS[precision], len(s), [transfer_arrays(tf.knots, transfer_values(tf, unit), shift, precision, device), scalars, out], device)
+    launch(
+        CLASSIFIERS[precision],
+        len(s),
+        [transfer_arrays(tf.knots, transfer_values(tf, unit), shift, precision, device), scalars, out],
+        device,
+    )
     return out.numpy()
 
 

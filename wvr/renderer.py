@@ -53,7 +53,7 @@ class Renderer:
         Warp device; by default CUDA where there is one, else the CPU.
     termination
         A ray ends when less than this transparency is left, in [0, 1); 0 is never. By default 1/1024, 0 for ``Exact``,
-        and for ``Certified`` what the tolerance has left.
+        and for ``Certified`` a quarter of the tolerance.
     background
         What display and PNG files put behind the volume; ``rgba`` never has it.
     skip_empty
@@ -206,14 +206,20 @@ class Renderer:
 
     def _steps(self) -> Any:
         steps = Steps()
-        default = 0.0 if isinstance(self.integrator, Exact) else TERMINATION
+        default = TERMINATION
+        if isinstance(self.integrator, Exact):
+            default = 0.0
+        elif isinstance(self.integrator, Certified):
+            default = self.integrator.tolerance / (4 * self._brightest)
         steps.opaque = 1.0 - (default if self.termination is None else self.termination)
-        if isinstance(self.integrator, Certified):
-            # The tolerance says when; a transparency that is asked for comes in its place.
-            steps.opaque = 1.0 if self.termination is None else steps.opaque
         for name, value in self.integrator.steps.items():
             setattr(steps, name, value)
         return steps
+
+    @property
+    def _brightest(self) -> float:
+        """Largest component of a colour, 1 or more: what a unit of opacity can change in any channel."""
+        return max(1.0, float(self.transfer_function.colors.max()))
 
     def _keep(self, part: str, key: tuple, build: Any) -> Any:
         """``build()``, or what it made last for the same ``key``."""
@@ -263,12 +269,12 @@ class Renderer:
     def _simplified(self, tolerance: float, shown: str, steps: Any, shift: float, device: wp.Device) -> Any:
         """The transfer function with fewer control points; and how the tolerance is spent, into ``steps``."""
         tf, unit = self.transfer_function, self.volume.smallest_spacing
-        brightest = max(1.0, float(tf.colors.max()))
+        brightest = self._brightest
         low, high = self.volume.index_box
         longest = float(np.linalg.norm(self.volume.index_to_world[:3, :3] @ (high - low))) / unit
 
         def build() -> tuple[Simplified, Any]:
-            share = tolerance / 16
+            share = tolerance / 12
             points = simplify(
                 tf.knots, transfer_values(tf, unit), share, share / brightest, share / (brightest * longest)
             )
@@ -281,9 +287,6 @@ class Renderer:
         steps.tinted = points.color + brightest * points.relative
         # Rounding: of cuts at control points and of float64 sums, and of the image.
         steps.veiled = brightest * (points.absolute * longest + 1e-8 + (np.finfo(shown).eps / 2))
-        steps.spare = -1.0
-        if self.termination is None:
-            steps.spare = tolerance - steps.tinted - steps.veiled
         return transfer
 
     def _kinds(self, variant: Variant, shift: float, transfer: Any, device: wp.Device) -> tuple[wp.array, wp.array]:
@@ -375,7 +378,7 @@ def render(
         Warp device; by default CUDA where there is one, else the CPU.
     termination
         A ray ends when less than this transparency is left, in [0, 1); 0 is never. By default 1/1024, 0 for ``Exact``,
-        and for ``Certified`` what the tolerance has left.
+        and for ``Certified`` a quarter of the tolerance.
     skip_empty
         Leap over blocks of the volume in which nothing has any extinction. False computes everything; the image is the
         same to rounding.
