@@ -67,6 +67,7 @@ def make_scene(variant):
         empty: wp.array3d(dtype=wp.uint8)  # [z, y, x] of blocks of cells, as of ``importance``
         table: Table
         nodes: wp.array(dtype=vec2)  # of ``segment.gauss_nodes``
+        distance: wp.array3d(dtype=wp.float32)  # [z, y, x] of blocks, as of ``importance``
 
     @wp.struct
     class TracedScene:
@@ -75,6 +76,8 @@ def make_scene(variant):
         field: Field
         transfer: Transfer
         empty: wp.array3d(dtype=wp.uint8)
+        table: Table
+        distance: wp.array3d(dtype=wp.float32)
         trace: wp.array(dtype=Step)
 
     return TracedScene if variant.traced else Scene
