@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
 import wvr
@@ -227,62 +228,65 @@ def speed(folder: Path, scenes: list[Scene]) -> None:
 
 
 def threshold(folder: Path, scenes: list[Scene]) -> None:
-    """A higher threshold against fewer slices, at equal time."""
+    """A higher threshold against fewer slices: error against time and samples."""
     tolerances = [2.0**-k for k in range(1, 13)]
     steps = [2.0**k for k in range(4, -4, -1)]
     figure = Figure(figsize=(9, 3.3 * len(scenes)), layout="constrained")
     panels = figure.subplots(len(scenes), 2, sharey="row", squeeze=False)
     rows: list[dict[str, Any]] = []
-    for scene, row in zip(scenes, panels, strict=True):
+    for scene, (by_time, by_samples) in zip(scenes, panels, strict=True):
         exact = scene.render(wvr.Exact())
-        # The same transparency is left by both, so that what differs is how they step.
-        left = PAPER["termination"]["transparency"]
-        methods: dict[str, list[tuple[float, wvr.Image]]] = {
-            "uniform steps": [(h, scene.timed(wvr.Preintegrated(h), termination=left)) for h in steps],
-            "adaptive": [(t, scene.timed(wvr.AdaptivePreintegrated(t), termination=left)) for t in tolerances],
+        # Rays end alike, so that what differs is how they step.
+        methods = {
+            "slicing": [(h, scene.timed(wvr.Preintegrated(h), skip_empty=False, termination=0)) for h in steps],
+            "uniform steps, leaping": [(h, scene.timed(wvr.Preintegrated(h), termination=1e-4)) for h in steps],
+            "adaptive": [(t, scene.timed(wvr.AdaptivePreintegrated(t), termination=1e-4)) for t in tolerances],
         }
         for i, (name, images) in enumerate(methods.items()):
             measured = [
-                {"scene": scene.name, "method": name, "step or threshold": p}
+                {"scene": scene.name, "method": name, "step or threshold": parameter}
                 | errors(image, exact)
                 | {"s": image.stats["seconds_raycast"], "samples per ray": float(image.samples.mean())}
-                for p, image in images
+                for parameter, image in images
             ]
             rows += measured
-            for axes, x in zip(row, ("s", "samples per ray"), strict=True):
-                axes.plot(
-                    [m[x] for m in measured], [m["mean"] for m in measured], "os"[i] + "-", color=COLORS[i], label=name
-                )
-        for axes, label in zip(row, ("seconds", "samples per ray"), strict=True):
-            axes.set(xscale="log", yscale="log", xlabel=label, title=scene.name)
-            axes.grid(color="0.9")
-        row[0].set_ylabel("mean error")
+            for axes, x in ((by_time, "s"), (by_samples, "samples per ray")):
+                style = "os^"[i] + "-"
+                axes.plot([m[x] for m in measured], [m["mean"] for m in measured], style, color=COLORS[i], label=name)
+        by_time.set(xlabel="seconds", ylabel="mean error")
+        by_samples.set(xlabel="samples per ray")
+        for axes in (by_time, by_samples):
+            axes.set(xscale="log", yscale="log", title=scene.name)
+            axes.xaxis.set_minor_formatter(NullFormatter())
+            axes.grid(color="0.9", which="both")
+            axes.set_axisbelow(True)
     panels[0, 0].legend(frameon=False)
     save_figure(figure, folder / "threshold")
     write_rows(folder, "threshold", "A higher threshold against fewer slices", rows)
 
 
-def artefacts(folder: Path, scene: Scene) -> None:
+def artefacts(folder: Path, scenes: list[Scene]) -> None:
     """Pictures at equal time: a high threshold, and few slices."""
-    exact = scene.render(wvr.Exact())
-    adaptive = scene.timed(wvr.AdaptivePreintegrated(0.25))
-    # As many slices as that time allows.
-    step = 1.0
-    few = scene.timed(wvr.Preintegrated(step))
-    while few.stats["seconds_raycast"] > adaptive.stats["seconds_raycast"] and step < 32:
-        step *= 1.25
-        few = scene.timed(wvr.Preintegrated(step))
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
-    panels = figure.subplots(1, 3)
-    shown = {"exact": exact, "threshold 1/4": adaptive, f"slices {step:.2g} voxels apart": few}
-    for axes, (name, image) in zip(panels, shown.items(), strict=True):
-        axes.imshow(picture(image))
-        axes.set(title=name, xticks=[], yticks=[])
-        if image is not exact:
-            found = errors(image, exact)
-            axes.set_xlabel(
-                f"{image.stats['seconds_raycast']:.3f} s, errors: max {found['max']:.2f}, mean {found['mean']:.1e}"
-            )
+    figure = Figure(figsize=(9, 3.5 * len(scenes)), layout="constrained")
+    panels = figure.subplots(len(scenes), 3)
+    for scene, row in zip(scenes, panels, strict=True):
+        exact = scene.render(wvr.Exact())
+        adaptive = scene.timed(wvr.AdaptivePreintegrated(0.25))
+        # As many slices as that time allows.
+        slices, step = adaptive, 0.5
+        while step < 32 and (slices is adaptive or slices.stats["seconds"] > adaptive.stats["seconds"]):
+            step *= 1.25
+            slices = scene.timed(wvr.Preintegrated(step), skip_empty=False, termination=0)
+        images = {"exact": exact, "threshold 1/4": adaptive, f"a slice every {step:.2g} voxels": slices}
+        for axes, (name, image) in zip(row, images.items(), strict=True):
+            axes.imshow(picture(image))
+            axes.set(title=name, xticks=[], yticks=[])
+            if image is not exact:
+                found = errors(image, exact)
+                axes.set_xlabel(
+                    f"{image.stats['seconds']:.2f} s, error: max {found['max']:.2f}, mean {found['mean']:.1e}",
+                    fontsize="small",
+                )
     save_figure(figure, folder / "artefacts")
 
 
@@ -338,7 +342,9 @@ def blended(
 def figure7(folder: Path, scene: Scene, quick: bool) -> None:
     """What an 8-bit frame buffer loses."""
     fit = wvr.Camera.fit(scene.volume, direction=VOLUMES["NegHIP"][2], up=VOLUMES["NegHIP"][3], parallel=True)
-    scene = replace(scene, camera=fit, size=(32, 32) if quick else (256, 256))
+    assert fit.parallel_scale is not None
+    camera = wvr.Camera(fit.position, fit.target, fit.up, parallel_scale=0.7 * fit.parallel_scale)
+    scene = replace(scene, camera=camera, size=(32, 32) if quick else (256, 256))
     exact = scene.render(wvr.Exact())
     buffers = blended(
         scene,
@@ -350,7 +356,7 @@ def figure7(folder: Path, scene: Scene, quick: bool) -> None:
     write_rows(
         folder,
         "figure7",
-        "Figure 7: the frame buffer, errors against Exact; opacity lost where the exact one is below 1/4",
+        "Figure 7: the frame buffer, errors against Exact; opacity kept where the exact one is below 1/4",
         [
             {"method": name}
             | errors(rgba, exact)
@@ -358,7 +364,7 @@ def figure7(folder: Path, scene: Scene, quick: bool) -> None:
             for name, rgba in images.items()
         ],
     )
-    figure = Figure(figsize=(11, 3.3), layout="constrained")
+    figure = Figure(figsize=(11, 3.05), layout="constrained")
     panels = figure.subplots(1, len(images))
     for axes, (name, rgba) in zip(panels, images.items(), strict=True):
         axes.imshow(np.clip(linear_to_srgb(rgba[..., :3]), 0, 1))
@@ -382,7 +388,7 @@ def main(*arguments: str) -> None:
     figure6(folder, [semi, opaque])
     speed(folder, list(scenes.values()))
     threshold(folder, [semi, opaque])
-    artefacts(folder, semi)
+    artefacts(folder, [semi, opaque])
     figure7(folder, neghip, quick)
 
 
