@@ -84,9 +84,10 @@ class Result:
     machine: dict[str, Any]
 
 
-def integrator_name(integrator: wvr.Riemann | wvr.Preintegrated) -> str:
+def integrator_name(integrator: wvr.Riemann | wvr.Preintegrated | wvr.Certified) -> str:
     """As in code, without what is left at its default."""
-    return f"{type(integrator).__name__}({integrator.step})"
+    number = f"{integrator.tolerance:.3g}" if isinstance(integrator, wvr.Certified) else str(integrator.step)
+    return f"{type(integrator).__name__}({number})"
 
 
 def timed(work: Callable[[], object]) -> Contender:

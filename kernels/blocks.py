@@ -1,7 +1,7 @@
 """Small blocks of cells: what they hold and how far around them there is nothing to see.
 
-A block is ``1 << BITS`` cells along each axis, so its range is that of one sample more. Samples that are NaN or infinite
-make their cells absent and are left out. With the transfer function, a block is of one kind:
+A block is ``1 << BITS`` cells along each axis, so its range is that of one sample more. Samples that are NaN or
+infinite make their cells absent and are left out. With the transfer function, a block is of one kind:
 
 * k >= 0: all that it holds lies in interval k of the transfer function, which is linear there;
 * ``SEVERAL``: it needs more than one;

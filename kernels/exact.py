@@ -29,8 +29,7 @@ DEPTHS = ((1e-4, 0), (0.01, 1), (2.0, 2), (4.0, 3))
 def make_pieces(variant):
     """Of a scalar that is the cubic ``s`` of the length from the start of a piece:
 
-    ``extinction(tf, s, k)`` -> its extinction in interval k of the transfer function and the optical depth, a quartic;
-    ``moment(nodes, s, tau, D, length)`` -> int (s - s0) dA; ``piece(tf, nodes, s, length, k)`` -> segment in interval k;
+    ``piece(tf, nodes, s, length, k)`` -> segment in interval k;
     ``cut(scene, s, length)`` -> segment in whatever intervals there are, and the number of its pieces.
     """
     Scene = make_scene(variant)
@@ -77,10 +76,12 @@ def make_pieces(variant):
         return total
 
     @wp.func
-    def extinction(tf: Transfer, s: wp.vec4d, k: int):
-        tau = tf.slope[k][3] * s
+    def piece(tf: Transfer, nodes: wp.array(dtype=wp.vec2d), s: wp.vec4d, length: wp.float64, k: int):
+        slope = tf.slope[k]
+        front = tf.value[k] + (s[0] - tf.knot[k]) * slope
+        tau = slope[3] * s
         # Interpolated towards a knot where it is 0 it may be negative by rounding.
-        tau[0] = wp.max(tf.value[k][3] + (s[0] - tf.knot[k]) * tf.slope[k][3], wp.float64(0.0))
+        tau[0] = wp.max(front[3], wp.float64(0.0))
         D = vec5d(
             wp.float64(0.0),
             tau[0],
@@ -88,14 +89,8 @@ def make_pieces(variant):
             wp.float64(wp.static(1.0 / 3.0)) * tau[2],
             wp.float64(0.25) * tau[3],
         )
-        return tau, D
-
-    @wp.func
-    def piece(tf: Transfer, nodes: wp.array(dtype=wp.vec2d), s: wp.vec4d, length: wp.float64, k: int):
-        tau, D = extinction(tf, s, k)
-        slope = tf.slope[k]
         A = absorbed(wp.max(quartic(D, length), wp.float64(0.0)))
-        segment = A * (tf.value[k] + (s[0] - tf.knot[k]) * slope)
+        segment = A * front
         if slope[0] != wp.float64(0.0) or slope[1] != wp.float64(0.0) or slope[2] != wp.float64(0.0):
             segment += moment(nodes, s, tau, D, length) * slope
         segment[3] = A
@@ -138,7 +133,7 @@ def make_pieces(variant):
             value = final
         return segment, count
 
-    return extinction, moment, piece, cut
+    return piece, cut
 
 
 @cache
@@ -147,9 +142,9 @@ def make_exact(variant):
     finite = variant.finite
     Scene = make_scene(variant)
     _, corners = make_corners(variant.dtype)
-    Transfer, interval, _ = make_transfer(wp.float64)
+    _, interval, _ = make_transfer(wp.float64)
     transparent = make_transparent(wp.float64)
-    _, _, piece, cut = make_pieces(variant)
+    piece, cut = make_pieces(variant)
 
     @wp.func
     def through(scene: Scene, i: int, j: int, k: int, p: wp.vec3d, d: wp.vec3d, length: wp.float64):

@@ -9,6 +9,7 @@ from functools import cache
 import warp as wp
 
 from .adaptive import make_adaptive
+from .adaptive_preintegrated import make_adaptive_preintegrated
 from .certified import make_certified
 from .exact import make_exact
 from .precision import REALS, vec3_of, vec4_of
@@ -24,6 +25,7 @@ MARCHES = {
     "preintegrated": make_uniform,
     "adaptive-coupled": make_adaptive,
     "adaptive-decoupled": make_adaptive,
+    "adaptive-preintegrated": make_adaptive_preintegrated,
     "exact": make_exact,
     "certified": make_certified,
 }

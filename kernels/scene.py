@@ -73,6 +73,7 @@ def make_scene(variant):
         bound: wp.array2d(dtype=wp.float32)  # on the error of each ray
         table: Table
         nodes: wp.array(dtype=vec2)  # of ``segment.gauss_nodes``
+        distance: wp.array3d(dtype=wp.float32)  # [z, y, x] of blocks, as of ``importance``
 
     @wp.struct
     class TracedScene:
@@ -81,6 +82,8 @@ def make_scene(variant):
         field: Field
         transfer: Transfer
         empty: wp.array3d(dtype=wp.uint8)
+        table: Table
+        distance: wp.array3d(dtype=wp.float32)
         trace: wp.array(dtype=Step)
 
     return TracedScene if variant.traced else Scene

@@ -246,6 +246,37 @@ def make_approximate(real):
 
 
 @cache
+def make_stretchable(real):
+    """Kernel over n * n items: from a table of short segments to one for segments of any length.
+
+    An entry becomes (mean emission, mean extinction). Extinction is that of the running integrals, exact for any
+    length; emission is what makes colour exact for the table's own length, and else right to first order.
+    """
+    vec4 = vec4_of(real)
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def stretchable(
+        base: int,
+        running: wp.array(dtype=wp.vec4d),  # as of ``make_approximate``
+        value: wp.array(dtype=vec4),
+        table: wp.array2d(dtype=vec4),
+    ):
+        item = wp.tid() + base
+        i = item // table.shape[1]
+        j = item - i * table.shape[1]
+        tau = value[i][3]
+        if i != j:
+            tau = real((running[j][3] - running[i][3]) / wp.float64(j - i))
+        entry = table[i, j]
+        if entry[3] > real(0.0):
+            entry *= tau / entry[3]
+        entry[3] = wp.max(tau, real(0.0))
+        table[i, j] = entry
+
+    return stretchable
+
+
+@cache
 def make_table(real):
     """The struct of a 2D table and ``lookup(table, front, back)`` -> vec4, bilinear between entries."""
     vec4 = vec4_of(real)

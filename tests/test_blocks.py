@@ -67,7 +67,7 @@ def test_masks_are_exact_for_a_threshold():
     data = np.random.default_rng(5).integers(0, 256, (18, 18, 18), np.uint8)
     tf = wvr.TransferFunction([(240, "red", 0.0), (255, "blue", 0.3)])
     _, masks, _, _ = built(data, tf)
-    low, high = cells(data)
+    _, high = cells(data)
     bits = sum(bin(int(m)).count("1") for m in masks.ravel())
     inside = np.pad(high > 240, [(0, -n % 4) for n in high.shape], mode="edge")
     assert np.count_nonzero(high > 240) <= bits <= np.count_nonzero(inside)
@@ -98,7 +98,7 @@ def test_empty_cubes(device, shape):
 def test_absent_samples(device):
     data = np.full((9, 9, 18), np.nan, np.float32)
     data[:, :, 13:] = 205.0
-    kinds, masks, _, extents = built(data, TF, device, nan="transparent")
+    kinds, _, _, extents = built(data, TF, device, nan="transparent")
     assert np.all(kinds[:, :, :3] <= int(EMPTY)) and np.all(kinds[:, :, 3:] > int(EMPTY))
     assert np.all(extents[:, :, :3, 0] > extents[:, :, :3, 1])
 

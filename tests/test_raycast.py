@@ -20,7 +20,8 @@ INTEGRATORS = [
     wvr.Preintegrated(0.37),
     wvr.Preintegrated(1.48, oversampling=4),
 ]
-every_integrator = pytest.mark.parametrize("integrator", [*INTEGRATORS, wvr.Exact()], ids=repr)
+OTHERS = [wvr.AdaptivePreintegrated(1e-3), wvr.Exact()]  # whose steps differ in length
+every_integrator = pytest.mark.parametrize("integrator", [*INTEGRATORS, *OTHERS], ids=repr)
 ROUNDING = {"float32": 2e-6, "float64": 1e-12}
 
 

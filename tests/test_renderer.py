@@ -37,6 +37,27 @@ def test_only_what_depends_on_a_change_is_rebuilt(blobs, device):
     assert np.abs(inverted.rgba - again.rgba).max() < 1e-5
 
 
+def test_what_a_certified_frame_keeps(blobs, device):
+    """The same, and a volume of the same shape is written into the same arrays."""
+    renderer = wvr.Renderer(blobs, TF, tolerance=1e-3, device=device)
+    camera = wvr.Camera.fit(blobs)
+    renderer.render(camera, (16, 16))
+    built = {"volume": 1, "extents": 1, "simplified": 1, "kinds": 1}
+    assert renderer.builds == built
+    renderer.render(wvr.Camera.fit(blobs, (0, 1, 0)), (20, 10))
+    assert renderer.builds == built
+    renderer.transfer_function = wvr.TransferFunction([(0, "navy", 0.0), (200, "gold", 0.4)])
+    renderer.render(camera, (16, 16))
+    assert renderer.builds == built | {"simplified": 2, "kinds": 2}
+    arrays = {name: buffer.ptr for name, buffer in ((key[0], b) for key, b in renderer._buffers.items())}
+    renderer.volume = wvr.Volume(255 - blobs.numpy())
+    streamed = renderer.render(camera, (16, 16))
+    assert renderer.builds == {"volume": 2, "extents": 2, "simplified": 2, "kinds": 3}
+    assert {key[0]: b.ptr for key, b in renderer._buffers.items()} == arrays
+    again = wvr.render(renderer.volume, renderer.transfer_function, camera, (16, 16), tolerance=1e-3, device=device)
+    assert np.array_equal(streamed.rgba, again.rgba)
+
+
 def test_point_rules_build_no_table(scene):
     volume, tf, camera = scene
     renderer = wvr.Renderer(volume, tf, integrator=wvr.Riemann(0.5))
@@ -44,12 +65,12 @@ def test_point_rules_build_no_table(scene):
     assert "table" not in renderer.builds
 
 
-def test_default_is_preintegrated_in_float32(scene):
+def test_default_is_certified_in_float32(scene):
     image = wvr.render(*scene, (8, 6))
     assert image.rgba.shape == (6, 8, 4) and image.rgba.dtype == np.float32 and image.samples.dtype == np.int32
-    same = wvr.render(*scene, (8, 6), integrator=wvr.Preintegrated(0.5), precision="float32")
+    same = wvr.render(*scene, (8, 6), tolerance=1 / 512, precision="float32")
     assert np.array_equal(image.rgba, same.rgba)
-    assert image.error_bound is None and image.stats["rays"] == 48 and image.stats["seconds"] > 0
+    assert image.error_bound.max() <= 1 / 512 and image.stats["rays"] == 48 and image.stats["seconds"] > 0
     assert image.stats["bytes"] >= scene[0].numpy().nbytes
 
 

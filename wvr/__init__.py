@@ -4,7 +4,7 @@ from . import datasets, presets
 from .camera import Camera
 from .compare import Comparison, compare
 from .image import Image
-from .integrators import AdaptiveSimpson, Certified, Exact, Preintegrated, Riemann, Simpson
+from .integrators import AdaptivePreintegrated, AdaptiveSimpson, Certified, Exact, Preintegrated, Riemann, Simpson
 from .io import read, read_raw
 from .launch import get_num_threads, set_num_threads
 from .renderer import Renderer, render
@@ -13,6 +13,7 @@ from .transfer_function import TransferFunction
 from .volume import Volume
 
 __all__ = [
+    "AdaptivePreintegrated",
     "AdaptiveSimpson",
     "Camera",
     "Certified",

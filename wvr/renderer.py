@@ -15,24 +15,33 @@ from numpy.typing import NDArray
 from .camera import Camera, image_size
 from .color import linear_rgb
 from .image import Image
-from .integrators import AdaptiveSimpson, Certified, Exact, Integrator, Preintegrated, Riemann, Simpson
+from .integrators import (
+    AdaptivePreintegrated,
+    AdaptiveSimpson,
+    Certified,
+    Exact,
+    Integrator,
+    Preintegrated,
+    Riemann,
+    Simpson,
+)
 from .kernels import blocks as small
 from .kernels.field import make_field
-from .kernels.importance import blocks, make_empty, make_ranges
+from .kernels.importance import blocks, make_bends, make_distances, make_empty, make_ranges
 from .kernels.precision import REALS, vec4_of
 from .kernels.ray import TILE, View, item, tiles
 from .kernels.raycast import make_raycast
 from .kernels.scene import Step, Steps, Variant, make_scene
 from .launch import get_device, launch
 from .simplify import Simplified, simplify
-from .tables import nodes_array, table_array, table_struct, transfer_arrays, transfer_values
+from .tables import nodes_array, range_maxima, table_array, table_struct, transfer_arrays, transfer_values
 from .transfer_function import TransferFunction
 from .validation import choice
 from .volume import Volume
 
 DEFAULT = Certified(1 / 512)
 TERMINATION = 1 / 1024
-INTEGRATORS = (Riemann, Simpson, Preintegrated, AdaptiveSimpson, Exact, Certified)
+INTEGRATORS = (Riemann, Simpson, Preintegrated, AdaptivePreintegrated, AdaptiveSimpson, Exact, Certified)
 
 
 class Renderer:
@@ -53,7 +62,7 @@ class Renderer:
         Warp device; by default CUDA where there is one, else the CPU.
     termination
         A ray ends when less than this transparency is left, in [0, 1); 0 is never. By default 1/1024, 0 for ``Exact``,
-        and for ``Certified`` a quarter of the tolerance.
+        at most 1/256 for ``AdaptivePreintegrated``, and a quarter of the tolerance for ``Certified``.
     background
         What display and PNG files put behind the volume; ``rgba`` never has it.
     skip_empty
@@ -131,8 +140,10 @@ class Renderer:
             scene.transfer = self._simplified(self.integrator.tolerance, shown, scene.steps, shift, device)
         else:
             scene.transfer = self._transfer(precision, shift, device)
-        if rule == "preintegrated":
+        if isinstance(self.integrator, Preintegrated | AdaptivePreintegrated):
             scene.table = self._table(precision, shift, device)
+        if isinstance(self.integrator, AdaptivePreintegrated):
+            scene.distance = self._distance(variant, shift, scene.transfer, device)
         bound = None
         if rule == "certified":
             scene.kinds, scene.masks = self._kinds(variant, shift, scene.transfer, device)
@@ -167,6 +178,9 @@ class Renderer:
             stats["tolerance_covers"] = (
                 f"the error estimates of {whole}, shared out by length; not forced steps, nor what lies between samples"
             )
+        if isinstance(self.integrator, AdaptivePreintegrated):
+            stats["tolerance_covers"] = "what a linear scalar costs a step; not forced steps, nor their sum along a ray"
+        if isinstance(self.integrator, AdaptiveSimpson | AdaptivePreintegrated):
             tracer = _tracer(variant, scene, count, device)
         error_bound = None
         if isinstance(self.integrator, Certified):
@@ -206,11 +220,9 @@ class Renderer:
 
     def _steps(self) -> Any:
         steps = Steps()
-        default = TERMINATION
-        if isinstance(self.integrator, Exact):
-            default = 0.0
-        elif isinstance(self.integrator, Certified):
-            default = self.integrator.tolerance / (4 * self._brightest)
+        default = getattr(self.integrator, "termination", TERMINATION)
+        if isinstance(self.integrator, Certified):
+            default /= self._brightest
         steps.opaque = 1.0 - (default if self.termination is None else self.termination)
         for name, value in self.integrator.steps.items():
             setattr(steps, name, value)
@@ -246,12 +258,6 @@ class Renderer:
 
     def _empty(self, variant: Variant, shift: float, transfer: Any, device: wp.Device) -> wp.array:
         """Flags of the blocks of cells in which nothing has any extinction."""
-        data = self.volume.on(device)
-
-        def build_ranges() -> wp.array:
-            result = wp.empty(blocks(data.shape), dtype=wp.vec2d, device=device)
-            launch(make_ranges(variant.dtype), result.size, [data, result], device)
-            return result
 
         def build_flags() -> wp.array:
             result = wp.empty(ranges.shape, dtype=wp.uint8, device=device)
@@ -261,8 +267,8 @@ class Renderer:
             return result
 
         if not self.skip_empty:
-            return wp.zeros(blocks(data.shape), dtype=wp.uint8, device=device)
-        ranges = self._keep("ranges", (self.volume, device.alias), build_ranges)
+            return wp.zeros(blocks(self.volume.on(device).shape), dtype=wp.uint8, device=device)
+        ranges = self._ranges(variant, device)
         key = (self.transfer_function.key, self.volume, shift, variant.precision, device.alias)
         return self._keep("empty", key, build_flags)
 
@@ -326,13 +332,50 @@ class Renderer:
             self._buffers[key] = wp.empty(shape, dtype=dtype, device=device)
         return self._buffers[key]
 
+    def _ranges(self, variant: Variant, device: wp.Device) -> wp.array:
+        """Smallest and largest sample of each block of cells."""
+        data = self.volume.on(device)
+
+        def build() -> wp.array:
+            result = wp.empty(blocks(data.shape), dtype=wp.vec2d, device=device)
+            launch(make_ranges(variant.dtype), result.size, [data, result], device)
+            return result
+
+        return self._keep("ranges", (self.volume, device.alias), build)
+
+    def _distance(self, variant: Variant, shift: float, transfer: Any, device: wp.Device) -> wp.array:
+        """How long a step may be in each block of cells, by the integrator's tolerance."""
+        data, tf, unit = self.volume.on(device), self.transfer_function, self.volume.smallest_spacing
+
+        def build_bends() -> wp.array:
+            result = wp.empty(blocks(data.shape), dtype=wp.vec2d, device=device)
+            scale = wp.vec3d(*(unit / np.array(self.volume.spacing)))
+            launch(make_bends(variant.dtype), result.size, [data, scale, result], device)
+            return result
+
+        def build() -> wp.array:
+            result = wp.empty(ranges.shape, dtype=wp.float32, device=device)
+            maxima = range_maxima(tf, unit, device)
+            inputs = [ranges, bends, wp.float64(shift), transfer, maxima, wp.float64(tolerance), result]
+            launch(make_distances(REALS[variant.precision]), result.size, inputs, device)
+            return result
+
+        tolerance = self.integrator.steps["tolerance"]
+        ranges = self._ranges(variant, device)
+        bends = self._keep("bends", (self.volume, device.alias), build_bends)
+        key = (tf.key, self.volume, shift, variant.precision, device.alias, tolerance)
+        return self._keep("distances", key, build)
+
     def _table(self, precision: str, shift: float, device: wp.Device) -> Any:
-        assert isinstance(self.integrator, Preintegrated)
         tf, unit = self.transfer_function, self.volume.smallest_spacing
-        step, generator = self.integrator.steps["step"], self.integrator.generator
-        n, domain = _table_shape(self.volume, self.integrator.table_size)
-        key = (tf.key, unit, step, n, domain, generator, precision, device.alias)
-        rgba = self._keep("table", key, lambda: table_array(tf, n, step, unit, domain, generator, precision, device))
+        if isinstance(self.integrator, Preintegrated):
+            length, generator = self.integrator.steps["step"], self.integrator.generator
+            n, domain = _table_shape(self.volume, self.integrator.table_size)
+        else:
+            length, generator = self.integrator.steps["shortest"], "stretchable"
+            n, domain = _table_shape(self.volume, None)
+        key = (tf.key, unit, length, n, domain, generator, precision, device.alias)
+        rgba = self._keep("table", key, lambda: table_array(tf, n, length, unit, domain, generator, precision, device))
         return table_struct(rgba, domain, shift, precision)
 
 
@@ -378,7 +421,7 @@ def render(
         Warp device; by default CUDA where there is one, else the CPU.
     termination
         A ray ends when less than this transparency is left, in [0, 1); 0 is never. By default 1/1024, 0 for ``Exact``,
-        and for ``Certified`` a quarter of the tolerance.
+        at most 1/256 for ``AdaptivePreintegrated``, and a quarter of the tolerance for ``Certified``.
     skip_empty
         Leap over blocks of the volume in which nothing has any extinction. False computes everything; the image is the
         same to rounding.
@@ -440,7 +483,7 @@ def _tracer(
 
     def trace(x: int, y: int) -> NDArray[np.void]:
         traced = make_scene(variant)()
-        for name in ("view", "steps", "field", "transfer", "empty"):
+        for name in ("view", "steps", "field", "transfer", "empty", "table", "distance"):
             setattr(traced, name, getattr(scene, name))
         traced.trace = wp.zeros(int(count[y, x]), dtype=Step, device=device)
         rgba = wp.empty(count.shape, dtype=vec4_of(REALS[variant.precision]), device=device)

@@ -10,9 +10,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from .kernels.importance import vec8d
 from .kernels.precision import REALS, vec4_of
 from .kernels.segment import gauss_nodes
-from .kernels.table import make_approximate, make_generators, make_pieces, make_table
+from .kernels.table import make_approximate, make_generators, make_pieces, make_stretchable, make_table
 from .kernels.transfer import make_transfer
 from .launch import get_device, launch
 from .transfer_function import TransferFunction
@@ -68,6 +69,34 @@ def _next_visible(extinctions: NDArray[np.float64]) -> NDArray[np.int32]:
     return np.minimum.accumulate(own[::-1])[::-1].astype(np.int32)
 
 
+def range_maxima(tf: TransferFunction, unit: float, device: wp.Device) -> wp.array:
+    """Bounds on a transfer function over any range of its n + 1 intervals: row l has at k those of k .. k + 2**l - 1.
+
+    Per interval: how much an error of the scalar changes emission, |tau'| + tau |c'| for extinction tau per ``unit`` of
+    length and colours up to 1; extinction; colour; minus colour, so that all are maxima.
+    """
+    values = transfer_values(tf, unit)
+    ends = np.stack([values[[0, *range(len(values))]], values[[*range(len(values)), -1]]])
+    extinction = ends[:, :, 3].max(axis=0)
+    change = np.abs(ends[1] - ends[0])
+    width = np.concatenate([[1.0], np.diff(tf.knots), [1.0]])
+    # A jump is infinitely steep, unless nobody sees it.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        visibility = (change[:, 3] + extinction * change[:, :3].max(axis=1)) / width
+    visibility = np.nan_to_num(visibility, nan=0.0, posinf=np.inf)
+    # A colour that nobody sees is none.
+    colors = np.where(
+        extinction[:, None] > 0, np.hstack([ends[:, :, :3].max(axis=0), -ends[:, :, :3].min(axis=0)]), -np.inf
+    )
+    rows = [np.column_stack([visibility, extinction, colors])]
+    while 2 ** len(rows) <= len(extinction):
+        half = 2 ** (len(rows) - 1)
+        row = rows[-1].copy()
+        row[:-half] = np.maximum(row[:-half], row[half:])
+        rows.append(row)
+    return wp.array(np.stack(rows), dtype=vec8d, device=device)
+
+
 def table_array(
     tf: TransferFunction,
     n: int,
@@ -78,9 +107,20 @@ def table_array(
     precision: str,
     device: wp.Device,
 ) -> wp.array:
-    """The (n, n) table of segments of ``length`` units on the device, extinction per ``unit`` of world length."""
+    """The (n, n) table of segments of ``length`` units on the device, extinction per ``unit`` of world length.
+
+    ``generator="stretchable"``: of mean emission and extinction, for segments of any length; colours are those of
+    ``length``.
+    """
     cut = _Cut(tf, n, domain, unit)
-    return _generate(cut.colors(None), cut, length, generator, None, precision, device)[0]
+    colors = cut.colors(None)
+    if generator != "stretchable":
+        return _generate(colors, cut, length, generator, None, precision, device)[0]
+    table = _generate(colors, cut, length, "incremental", None, precision, device)[0]
+    real = REALS[precision]
+    inputs = [wp.array(cut.running(), dtype=wp.vec4d, device=device), cut.pieces(colors, real, device).value, table]
+    launch(make_stretchable(real), n * n, inputs, device, grain=n)
+    return table
 
 
 def table_struct(rgba: wp.array, domain: tuple[float, float], shift: float, precision: str) -> Any:
