@@ -21,7 +21,8 @@ import wvr
 from .harness import Time, timed
 from .scenes import Scene
 
-# Per grey level: VTK's opacity is linear between control points, wvr's extinction; close points make them one.
+# VTK's opacity is linear between control points, wvr's extinction; close points make them one. Per grey level, of which
+# floating-point samples count as having 255.
 POINTS = 16
 PATIENCE = 120.0  # seconds until a frame counts as hung
 
@@ -33,14 +34,24 @@ class NotAvailableError(Exception):
 class _Plain(NamedTuple):
     """A scene that can be sent to another process, which a volume with a Warp array cannot."""
 
-    samples: NDArray[np.uint8]
+    samples: NDArray
+    spacing: tuple[float, float, float]
+    origin: tuple[float, float, float]
     transfer_function: wvr.TransferFunction
     camera: wvr.Camera
     size: tuple[int, int]
 
     @classmethod
     def of(cls, scene: Scene) -> _Plain:
-        return cls(scene.volume.numpy(), scene.transfer_function, scene.camera, scene.size)
+        volume = scene.volume
+        return cls(
+            np.asarray(volume.numpy()),
+            tuple(volume.spacing),
+            tuple(volume.origin),
+            scene.transfer_function,
+            scene.camera,
+            scene.size,
+        )
 
 
 class VtkCpu:
@@ -49,10 +60,10 @@ class VtkCpu:
     Parameters
     ----------
     scene
-        With uint8 samples.
+        With a volume whose axes are the world's.
     scale
-        What samples are multiplied by: 1 leaves uint8, 257 spreads them over uint16, for which VTK keeps finer tables
-        and does not round interpolated samples to grey levels.
+        What samples are multiplied by: 257 spreads uint8 over uint16, for which VTK keeps finer tables and does not
+        round interpolated samples to grey levels; 1 for any other.
     threads
         VTK's number of threads.
     """
@@ -71,15 +82,15 @@ class VtkCpu:
         self._process.kill()
         self._process.join()
 
-    def frame(self) -> Time:
-        """Renders a frame: the time it took there, read-back included."""
-        return self._ask("frame")
+    def frame(self, step: float = 1.0) -> Time:
+        """Renders a frame with samples ``step`` smallest voxel spacings apart: the time it took, read-back included."""
+        return self._ask(step)
 
     def image(self) -> NDArray[np.float64]:
         """The last frame: premultiplied RGBA (height, width, 4), row 0 at the top."""
-        return self._ask("image")
+        return self._ask(None)
 
-    def _ask(self, question: str) -> Any:
+    def _ask(self, question: float | None) -> Any:
         try:
             self._connection.send(question)
             if not self._connection.poll(PATIENCE):
@@ -101,11 +112,16 @@ def _serve(connection: Connection, scene: _Plain, scale: int, threads: int) -> N
     if sys.platform == "linux" and not os.environ.get("DISPLAY"):
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     try:
-        window = _window(scene, scale, threads)
+        window, mapper = _window(scene, scale, threads)
         pixels = _Pixels(window, scene.size)
         frame = timed(pixels.render)
         while True:
-            connection.send(frame() if connection.recv() == "frame" else pixels.rgba)
+            step = connection.recv()
+            if step is None:
+                connection.send(pixels.rgba)
+            else:
+                _set_step(mapper, step * min(scene.spacing))
+                connection.send(frame())
     except Exception as error:  # whatever it is, the parent reports it
         connection.send(error)
 
@@ -127,8 +143,13 @@ class _Pixels:
         self.rgba = vtk_to_numpy(bytes_).reshape(height, width, 4)[::-1] / 255
 
 
-def _window(scene: _Plain, scale: int, threads: int) -> Any:
-    """A render window with the scene: unshaded, sample distance 1, a transparent black background."""
+def _set_step(mapper: Any, distance: float) -> None:
+    mapper.SetSampleDistance(distance)
+    mapper.SetInteractiveSampleDistance(distance)
+
+
+def _window(scene: _Plain, scale: int, threads: int) -> tuple[Any, Any]:
+    """A render window with the scene, unshaded before a transparent black background, and its mapper."""
     import pyvista as pv
     import vtkmodules.vtkRenderingOpenGL2
     import vtkmodules.vtkRenderingVolumeOpenGL2  # noqa: F401, the OpenGL parts register themselves
@@ -142,19 +163,22 @@ def _window(scene: _Plain, scale: int, threads: int) -> Any:
     )
     from vtkmodules.vtkRenderingVolume import vtkFixedPointVolumeRayCastMapper
 
-    grid = pv.ImageData(dimensions=scene.samples.shape[::-1])
-    grid.point_data["values"] = (scene.samples * np.min_scalar_type(255 * scale).type(scale)).ravel()
+    grid = pv.ImageData(dimensions=scene.samples.shape[::-1], spacing=scene.spacing, origin=scene.origin)
+    samples = scene.samples if scale == 1 else scene.samples * np.uint16(scale)
+    grid.point_data["values"] = samples.ravel()
 
     color, opacity = vtkColorTransferFunction(), vtkPiecewiseFunction()
-    scalars = np.linspace(0, 255, 255 * POINTS + 1)
-    tf = scene.transfer_function
-    for s, rgb, tau in zip(scalars, tf.color(scalars), tf.extinction(scalars), strict=True):
+    low, high = float(scene.samples.min()), float(scene.samples.max())
+    levels = int(high - low) if scene.samples.dtype.kind in "iu" else 255
+    scalars = np.linspace(low, high, levels * POINTS + 1)
+    tf, unit = scene.transfer_function, min(scene.spacing)
+    for s, rgb, tau in zip(scalars, tf.color(scalars), tf.extinction(scalars, unit), strict=True):
         color.AddRGBPoint(scale * s, *rgb)
-        opacity.AddPoint(scale * s, -np.expm1(-tau))
+        opacity.AddPoint(scale * s, -np.expm1(-tau * unit))
     prop = vtkVolumeProperty()
     prop.SetColor(color)
     prop.SetScalarOpacity(opacity)
-    prop.SetScalarOpacityUnitDistance(1.0)
+    prop.SetScalarOpacityUnitDistance(unit)
     prop.SetInterpolationTypeToLinear()
     prop.ShadeOff()
 
@@ -164,8 +188,6 @@ def _window(scene: _Plain, scale: int, threads: int) -> Any:
     # By default VTK takes coarser steps and fewer rays to reach a frame rate.
     mapper.AutoAdjustSampleDistancesOff()
     mapper.LockSampleDistanceToInputSpacingOff()
-    mapper.SetSampleDistance(1.0)
-    mapper.SetInteractiveSampleDistance(1.0)
     mapper.SetImageSampleDistance(1.0)
     volume = vtkVolume()
     volume.SetMapper(mapper)
@@ -191,4 +213,4 @@ def _window(scene: _Plain, scale: int, threads: int) -> Any:
     window.SetAlphaBitPlanes(True)
     window.SetSize(scene.size)
     window.AddRenderer(renderer)
-    return window
+    return window, mapper

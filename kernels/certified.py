@@ -122,7 +122,7 @@ def make_certified(variant):
         last = scene.transfer.knot.shape[0] - 1
         k = interval(scene.transfer, value)
         rises = m1 > real(0.0)
-        close = real(1.0e-9) * wp.abs(m1)
+        close = real(1.0e-5) * wp.abs(m1)
         while start < real(1.0):
             stop = real(1.0)
             crosses = k < last
@@ -141,9 +141,10 @@ def make_certified(variant):
                 stop = start + (real(1.0) - start) * (knot - value) / (final - value)
                 for _ in range(20):
                     off = m0 - knot + stop * (m1 + stop * (m2 + stop * m3))
+                    stop -= off / (m1 + stop * (real(2.0) * m2 + stop * real(3.0) * m3))
+                    # The step that was taken has squared it.
                     if wp.abs(off) <= close:
                         break
-                    stop -= off / (m1 + stop * (real(2.0) * m2 + stop * real(3.0) * m3))
                 stop = wp.clamp(stop, start, real(1.0))
                 value = knot
             if stop > start and scene.transfer.visible[k] == k:

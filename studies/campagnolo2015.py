@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
 import wvr
@@ -225,13 +226,13 @@ def _histogram(path: Path, name: str, rows: list[dict[str, Any]]) -> None:
         for i, (channel, color) in enumerate(zip(CHANNELS, ("#D55E00", "#009E73", "#0072B2", "0.3"), strict=True)):
             place = np.arange(len(shown)) + 0.2 * (i - 1.5)
             axes.bar(place, [max(row[f"{channel} {label}"], 1e-4) for row in shown], 0.2, color=color, label=channel)
-        names = [row["method"].replace(" h", "\nh").replace(", ", ",\n") for row in shown]
+        names = [row["method"].replace(" h", "\nh").replace(", tolerance of", ",\ntolerance\nof") for row in shown]
         axes.set_xticks(np.arange(len(shown)), names)
         axes.tick_params(axis="x", labelsize="x-small")
         axes.set(yscale="log", ylim=(1e-3, 100), ylabel="rays over 0.001 [%]", title=f"{name}: {title}")
         axes.grid(axis="y", color="0.9")
         axes.set_axisbelow(True)
-    panels[0].legend(ncols=4, frameon=False, fontsize="small")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=4, frameon=False)
     save_figure(figure, path)
 
 
@@ -298,10 +299,13 @@ def speed(folder: Path, scenes: Sequence[Scene], device: str) -> None:
             axes.plot(values, np.arange(len(rows)), "os^D"[i], color=COLORS[i], label=scene.name)
         axes.axvline(1, color="0.6", lw=0.8)
         axes.set(xscale="log", title=title, xlabel=f"time over that of {first}")
+        axes.xaxis.set_major_locator(FixedLocator([1, 2, 3, 4, 5]))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_locator(NullLocator())
         axes.grid(color="0.9")
     panels[0].set_yticks(np.arange(len(rows)), [row["method"] for row in rows], fontsize="small")
     panels[0].invert_yaxis()
-    panels[1].legend(frameon=False, fontsize="small")
+    figure.legend(*panels[1].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
     save_figure(figure, folder / f"table{table}")
 
 
@@ -328,7 +332,7 @@ def figure2(folder: Path, scene: Scene) -> None:
 
 def figure3(folder: Path, scenes: Sequence[Scene]) -> None:
     """The scenes and their transfer functions."""
-    figure = Figure(figsize=(9, 7.6), layout="constrained")
+    figure = Figure(figsize=(7, 6.6), layout="constrained")
     panels = figure.subplots(4, 2, height_ratios=[4, 1, 4, 1])
     for i, scene in enumerate(scenes):
         top, bottom = panels[i // 2 * 2, i % 2], panels[i // 2 * 2 + 1, i % 2]
@@ -338,9 +342,7 @@ def figure3(folder: Path, scenes: Sequence[Scene]) -> None:
         s = np.linspace(*scene.volume.range, 400)
         opacity = -np.expm1(-scene.tf.extinction(s, scene.volume.smallest_spacing) * scene.volume.smallest_spacing)
         bottom.bar(s, opacity, s[1] - s[0], color=np.clip(linear_to_srgb(scene.tf.color(s)), 0, 1))
-        bottom.set(xlabel="scalar", ylabel="opacity of a voxel", xlim=scene.volume.range, ylim=(0, 1))
-        bottom.xaxis.label.set_fontsize("small")
-        bottom.yaxis.label.set_fontsize("x-small")
+        bottom.set(xlabel="scalar", ylabel="opacity\nof a voxel", xlim=scene.volume.range, ylim=(0, 1))
     save_figure(figure, folder / "figure3")
 
 
@@ -358,9 +360,10 @@ def figure6(folder: Path, scene: Scene) -> None:
     top.plot(fine_ends, fine["rgba"][:, 3], color="0.6", lw=1, label="steps of at most 0.1")
     top.plot(ends, steps["rgba"][:, 3], "o", ms=3, color=COLORS[0], label="ends of adaptive steps")
     forced = steps["forced"]
-    top.plot(ends[forced], steps["rgba"][forced, 3], "o", ms=3, color=COLORS[3], label="forced")
+    if forced.any():
+        top.plot(ends[forced], steps["rgba"][forced, 3], "o", ms=3, color=COLORS[3], label="forced")
     top.set(ylabel="opacity", title=f"{scene.name}, ray of pixel ({x}, {y}): {len(steps)} steps")
-    top.legend(frameon=False)
+    figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
     bottom.step(np.append(steps["t"], ends[-1:]), np.append(steps["length"], steps["length"][-1:]), where="post")
     bottom.set(xlabel="position along the ray [voxels]", ylabel="step [voxels]")
     for axes in (top, bottom):

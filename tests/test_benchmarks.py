@@ -7,7 +7,7 @@ import pytest
 
 import wvr
 from benchmarks import __main__ as command
-from benchmarks import harness, numpy_marcher, peers, scenes
+from benchmarks import certified, harness, numpy_marcher, peers, scenes
 from benchmarks.harness import Row, Settings, Time
 from benchmarks.vtk_cpu import NotAvailableError
 from studies import reference
@@ -77,6 +77,18 @@ def test_throughput_compares_one_and_all_threads(quick, threads):
     assert text.count("| S1 parallel, ") == 4
 
 
+def test_certified_frames_are_within_their_tolerances(quick):
+    result, text = quick("certified")
+    errors = {(row.group, row.name): row.extra["max error"] for row in result.rows if "max error" in row.extra}
+    for group in ("S1", "S2", "S2 noisy", "S3", "Bonsai", "BluntFin"):
+        for tolerance in certified.TOLERANCES:
+            assert errors[group, f"Certified({tolerance:.3g})"] <= tolerance
+        last = next(row for row in result.rows if (row.group, row.name) == (group, "Riemann as accurate"))
+        assert last.extra["step"] <= 1 and last.extra["times certified"] > 0
+    assert {row.name for row in result.rows} >= {"nothing to see", "frame with a new transfer function", "not skipping"}
+    assert "times certified" in text
+
+
 def test_peers_have_errors_and_vtk_is_there_or_a_note_says_why_not(quick):
     result, text = quick("peers")
     errors = {(row.group, row.name): row.extra["max error"] for row in result.rows}
@@ -116,7 +128,7 @@ def test_peers_without_vtk_say_why(monkeypatch, tmp_path):
 
 
 def test_unknown_names_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"throughput, peers, cold, got speed"):
+    with pytest.raises(ValueError, match=r"throughput, certified, peers, cold, got speed"):
         command.run("speed", out=tmp_path)
 
 

@@ -73,7 +73,7 @@ def test_the_defaults_are_those_of_the_api(run):
     assert code == 0
     np.testing.assert_array_equal(np.load("a.npy"), expected.rgba)
     samples = f"{int(expected.samples.sum()):,}"
-    assert re.fullmatch(rf"a\.npy: 40 x 30, {samples} samples, [\d.e-]+ s\n", out)
+    assert re.fullmatch(rf"a\.npy: 40 x 30, {samples} samples, [\d.e-]+ s, errors up to [\d.e-]+\n", out)
 
 
 def test_every_option_arrives(run, rendered, monkeypatch):
@@ -425,7 +425,9 @@ def test_the_installed_command(tmp_path):
         return subprocess.run([script, *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=120)
 
     done = wvr_command("render", "spheres", "--dataset-size", "16", "--size", "32x24", "--background", "white")
-    assert done.returncode == 0 and re.fullmatch(r"spheres\.png: 32 x 24, .* samples, .* s\n", done.stdout)
+    assert done.returncode == 0 and re.fullmatch(
+        r"spheres\.png: 32 x 24, .* samples, .* s, errors up to .*\n", done.stdout
+    )
     pixels = np.asarray(PillowImage.open(tmp_path / "spheres.png"))
     assert pixels.shape == (24, 32, 3) and tuple(pixels[0, 0]) == (255, 255, 255) and pixels[12, 16].min() < 255
     failed = wvr_command("render", "spheres", "--size", "big")

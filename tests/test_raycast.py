@@ -100,6 +100,39 @@ def test_gaussian_and_grid_refinement(device):
     assert 1.9 < slope < 2.1
 
 
+@pytest.mark.parametrize(
+    "integrator", [wvr.Riemann(0.25), wvr.Simpson(0.25), wvr.Preintegrated(0.25), wvr.Exact()], ids=repr
+)
+def test_pixel_refinement(device, integrator):
+    """A pixel approaches the mean of those it is refined to with order 2: its ray goes through its centre.
+
+    In one cell, seen along an axis, extinction is linear along a ray and depth that of the field halfway.
+    """
+    cell = np.random.default_rng(3).random((2, 2, 2))
+    volume = centered(cell)
+    tf = wvr.TransferFunction([(0, (1, 1, 1), 0.0), (1, (1, 1, 1), 0.9)])
+    camera = along(2, scale=0.45)  # no pixel sees past the cell
+    sizes = 2 ** np.arange(2, 8)
+    images = {}
+    for n in sizes:
+        image = wvr.render(
+            volume, tf, camera, (n, n), integrator=integrator, precision="float64", device=device, termination=0
+        )
+        images[n] = image.rgba[..., 3]
+        x, y, _ = np.moveaxis(camera.rays((n, n))[0] + 0.5, -1, 0)
+        (a, b), (c, d) = cell.mean(axis=0)  # [y, x]
+        depth = np.log(10) * ((1 - y) * ((1 - x) * a + x * b) + y * ((1 - x) * c + x * d))
+        np.testing.assert_allclose(images[n], -np.expm1(-depth), atol=3e-6)
+
+    def order(coarsened) -> float:
+        errors = [np.sqrt(np.mean((images[n] - coarsened(images[2 * n])) ** 2)) for n in sizes[:-1]]
+        return -np.polyfit(np.log(sizes[:-1]), np.log(errors), 1)[0]
+
+    assert 1.8 < order(lambda fine: fine.reshape(len(fine) // 2, 2, -1, 2).mean(axis=(1, 3))) < 2.2
+    # A pixel whose ray went through a corner would be as far off as one of the four alone.
+    assert 0.8 < order(lambda fine: fine[::2, ::2]) < 1.2
+
+
 # Order of convergence, inside one cell, where the field along a ray is a smooth cubic
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import wvr
-from studies import campagnolo2015, common, lum2004, roettger2003, stability
+from studies import campagnolo2015, common, frontier, lum2004, roettger2003, stability
 
 
 @pytest.fixture(autouse=True)
@@ -76,6 +76,22 @@ def test_frame_buffer():
     np.testing.assert_allclose(buffers["fine"], buffers["one"], atol=1e-4)
     assert buffers["one"].max() > 0.1 and not buffers["2"].any()
     assert wvr.compare(buffers["one"], scene.render(wvr.Exact())).max < 5e-3
+
+
+def test_frontier(folder):
+    frontier.main("--quick")
+    folder = folder / "frontier"
+    assert {path.name for path in folder.glob("*.png")} == {"blobs.png", "scaling.png"}
+    rows = json.loads((folder / "blobs.json").read_text())["rows"]
+    assert {row["scene"] for row in rows} == {"smooth", "sharp", "opaque"}
+    for method in frontier.METHODS:
+        coarse, fine = (r["mean error"] for r in rows if (r["method"], r["scene"]) == (method.name, "opaque"))
+        assert fine < 0.7 * coarse < 0.02
+    # Where opacity is in spikes, pre-integration is what sees them.
+    sharp = {r["method"]: r["mean error"] for r in rows if r["scene"] == "sharp" and r["step or tolerance"] == 1}
+    assert sharp["Preintegrated"] < 0.2 * sharp["Riemann, midpoint"]
+    rows = json.loads((folder / "scaling.json").read_text())["rows"]
+    assert len({row["against"] for row in rows}) == 4 and all(row["seconds"] > 0 for row in rows)
 
 
 def test_linear_opacity():

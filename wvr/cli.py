@@ -69,6 +69,7 @@ def render(
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     tf: str | None = None,
     domain: Vector | None = None,
+    tolerance: float | None = None,
     integrator: str | None = None,
     size: str = "512x512",
     direction: Vector | None = None,
@@ -100,9 +101,11 @@ def render(
         SCALAR:COLOUR:OPACITY,SCALAR:COLOUR:OPACITY,... By default the first suggestion.
     domain
         Scalars LO,HI that a preset or colour map spans: by default the volume's range, or Hounsfield units for ct-*.
+    tolerance
+        Largest absolute error of any channel of any pixel, above 0 and below 1; by default 1/512.
     integrator
-        NAME:VALUE:... with the values in the order of the API: riemann:0.5, riemann:0.5:left, preintegrated:1:4. By
-        default the API's choice.
+        Instead of a tolerance: NAME:VALUE:... with the values in the order of the API: riemann:0.5, riemann:0.5:left,
+        preintegrated:1:4.
     size
         WIDTHxHEIGHT in pixels.
     direction
@@ -156,6 +159,7 @@ def render(
             view,
             (width, height),
             integrator=method,
+            tolerance=tolerance,
             background=background,
             precision=precision,
             device=device,
@@ -164,7 +168,8 @@ def render(
         stage(f"writing {output}")
         image.save(output)
     samples, seconds = image.stats["samples"], image.stats["seconds"]
-    print(f"{output}: {width} x {height}, {samples:,} samples, {seconds:.3g} s")
+    bound = "" if image.error_bound is None else f", errors up to {image.error_bound.max():.2g}"
+    print(f"{output}: {width} x {height}, {samples:,} samples, {seconds:.3g} s{bound}")
 
 
 @app.command
