@@ -18,7 +18,7 @@ from .harness import (
     Row,
     Settings,
     Time,
-    bars,
+    errors_against_time,
     integrator_name,
     interleave,
     machine,
@@ -46,13 +46,13 @@ def measure(settings: Settings) -> Result:
             name = integrator_name(wvr.Certified(tolerance))
             contenders[name] = _frame(images, _renderer(scene, tolerance=tolerance), scene, name)
         measured = summarize(scene.name, interleave(contenders, settings.rounds), BASELINE)
-        rows += [replace(row, extra={**_errors(images[row.name], exact)}) for row in measured]
+        rows += [replace(row, extra=_errors(images[row.name], exact)) for row in measured]
         rows.append(_as_accurate(scene, exact, rows[-1], measured[0].wall, settings.quick))
     rows += _changes(settings)
     notes = [
         "Max error: of any channel of any pixel, against Exact.",
-        "Riemann as accurate: midpoint, its step halved until its largest error is that of Certified(0.0001); one frame. "
-        f"Where that takes steps below {FINEST:g}, the error is that of the finest.",
+        "Riemann as accurate: midpoint, its step halved until its largest error is that of Certified(0.0001), one "
+        f"frame. Where that takes steps below {FINEST:g}, the error is that of the finest.",
         "Rays of uniform sampling end at a transparency of 1/1024, where it is to be as accurate never.",
         "S2 noisy is S2 with noise of 4 grey levels. Bonsai and BluntFin have transfer functions like those of "
         "Campagnolo et al. 2015; where their data are not there, generated volumes stand in.",
@@ -89,7 +89,7 @@ def _frame(images: dict[str, NDArray], renderer: wvr.Renderer, scene: Scene, nam
     return timed(frame)
 
 
-def _errors(image: NDArray, exact: NDArray) -> dict[str, float]:
+def _errors(image: NDArray, exact: NDArray) -> dict[str, float | None]:
     error = np.abs(image - exact)
     return {"max error": float(error.max()), "mean error": float(error.mean())}
 
@@ -102,8 +102,8 @@ def _as_accurate(scene: Scene, exact: NDArray, certified: Row, baseline: float, 
         images: dict[str, NDArray] = {}
         time: Time = _frame(images, renderer, scene)()
         error = _errors(next(iter(images.values())), exact)
-        if error["max error"] <= (certified.extra["max error"] or 0.0) or step <= (1 / 8 if quick else FINEST):
-            extra: dict[str, float | None] = {**error} | {"step": step, "times certified": time.wall / certified.wall}
+        if (error["max error"] or 0.0) <= (certified.extra["max error"] or 0.0) or step <= (1 / 8 if quick else FINEST):
+            extra = error | {"step": step, "times certified": time.wall / certified.wall}
             return Row(
                 scene.name,
                 "Riemann as accurate",
@@ -139,14 +139,16 @@ def _changes(settings: Settings) -> list[Row]:
         "nothing to see": timed(lambda: transparent.render(scene.camera, scene.size)),
     }
     rows = summarize("changes, Bonsai", interleave(contenders, settings.rounds), "frame")
-    volume = wvr.read(ANEURISM) if ANEURISM.exists() and not settings.quick else wvr.datasets.load("tree", 24)
+    real = ANEURISM.exists() and not settings.quick
+    volume = wvr.read(ANEURISM) if real else wvr.datasets.load("tree", 24)
     lo, hi = volume.range
     points = [(lo + 0.3 * (hi - lo), "red", 0.0), (hi, "white", 0.3)]
     sparse = replace(
         scene, volume=volume, transfer_function=wvr.TransferFunction(points), camera=wvr.Camera.fit(volume)
     )
+    images: dict[str, NDArray] = {}
     contenders = {
-        name: timed(lambda r=_renderer(sparse, skip_empty=skip): r.render(sparse.camera, sparse.size))  # type: ignore[misc]
+        name: _frame(images, _renderer(sparse, skip_empty=skip), sparse, name)
         for name, skip in (("skipping", True), ("not skipping", False))
     }
     return rows + summarize("sparse, aneurism", interleave(contenders, settings.rounds), "skipping")

@@ -1,4 +1,4 @@
-"""The demonstration: a generated volume with both integrators, its time, its samples and its measured error.
+"""The demonstration: a generated volume with several integrators, their time, samples, and bound and measured error.
 
 ``make demo`` or ``python -m studies.demo [folder]``; the pictures go to ``out/demo``.
 """
@@ -15,6 +15,7 @@ from rich.logging import RichHandler
 from rich.table import Table
 
 import wvr
+from benchmarks.harness import integrator_name
 
 from . import reference
 
@@ -55,7 +56,7 @@ def main(folder: str = "out/demo") -> None:
         check = np.abs(exact - reference.integrate(volume, TREE, origins, directions, parts=8)).max()
 
     table = Table(title=f"{volume}, {SIZE[0]} x {SIZE[1]}, {wvr.get_num_threads()} threads")
-    for column in ("integrator", "seconds", "M samples", "max error", "mean error"):
+    for column in ("integrator", "seconds", "M samples", "bound", "max error", "mean error"):
         table.add_column(column, justify="left" if column == "integrator" else "right")
     for integrator in (
         wvr.Riemann(1.0),
@@ -63,15 +64,18 @@ def main(folder: str = "out/demo") -> None:
         wvr.Riemann(0.1),
         wvr.Preintegrated(1.0),
         wvr.Preintegrated(0.5),
+        wvr.Certified(1 / 512),
+        wvr.Certified(1e-4),
     ):
         renderer = wvr.Renderer(volume, TREE, integrator=integrator)
         renderer.render(camera, SIZE)  # tables and kernels are built
         image = renderer.render(camera, SIZE)
-        name = f"{type(integrator).__name__}({integrator.step:g})"
+        name = integrator_name(integrator)
         image.save(out / f"tree-{name.lower().replace('(', '-').rstrip(')')}.png", background="white")
         error = np.abs(image.rgba[y, x] - exact)
         seconds, samples = image.stats["seconds"], image.stats["samples"] / 1e6
-        table.add_row(name, f"{seconds:.3f}", f"{samples:.1f}", f"{error.max():.1e}", f"{error.mean():.1e}")
+        bound = "" if image.error_bound is None else f"{image.error_bound.max():.1e}"
+        table.add_row(name, f"{seconds:.3f}", f"{samples:.1f}", bound, f"{error.max():.1e}", f"{error.mean():.1e}")
     console.print(table)
     console.print(
         f"Errors are absolute, of linear premultiplied RGBA in [0, 1], over {PIXELS} pixels that see something, "

@@ -15,9 +15,21 @@ def built(data, tf, device="cpu", nan="error"):
     volume = wvr.Volume(data, nan=nan)
     renderer = wvr.Renderer(volume, tf, tolerance=1e-6, device=device)
     renderer.render(wvr.Camera.fit(volume), (1, 1))
-    kinds, masks = renderer._kept["kinds"][1]
+    kinds, masks, *box = renderer._kept["kinds"][1]
+    assert_box(kinds.numpy(), *box)
     points = renderer._kept["simplified"][1][0]
     return kinds.numpy(), masks.numpy(), points, renderer._kept["extents"][1].numpy()
+
+
+def assert_box(kinds, low, high):
+    """The box of index coordinates (x, y, z) has all blocks that are not empty, and a face of one on each side."""
+    seen = np.argwhere(kinds > int(EMPTY))[:, ::-1]
+    if not len(seen):
+        assert np.all(low > high)
+        return
+    thick = high - low > 1
+    assert np.array_equal(low[thick], 4 * seen.min(axis=0)[thick])
+    assert np.all((high <= 4 * seen.max(axis=0) + 4)[thick]) and np.all((high > 4 * seen.max(axis=0))[thick])
 
 
 def cells(data):

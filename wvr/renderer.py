@@ -146,7 +146,9 @@ class Renderer:
             scene.distance = self._distance(variant, shift, scene.transfer, device)
         bound = None
         if rule == "certified":
-            scene.kinds, scene.masks = self._kinds(variant, shift, scene.transfer, device)
+            scene.kinds, scene.masks, low, high = self._kinds(variant, shift, scene.transfer, device)
+            # Rays begin and end with what there is to see.
+            scene.view.low, scene.view.high = wp.vec3d(*low), wp.vec3d(*high)
             bound = scene.bound = wp.zeros((height, width), dtype=wp.float32, device=device)
         elif rule == "exact" or self.skip_empty:
             scene.empty = self._empty(variant, shift, scene.transfer, device)
@@ -295,22 +297,26 @@ class Renderer:
         steps.veiled = brightest * (points.absolute * longest + 1e-8 + (np.finfo(shown).eps / 2))
         return transfer
 
-    def _kinds(self, variant: Variant, shift: float, transfer: Any, device: wp.Device) -> tuple[wp.array, wp.array]:
-        """Kinds of the small blocks of cells, and which of their cells there may be something to see in."""
+    def _kinds(
+        self, variant: Variant, shift: float, transfer: Any, device: wp.Device
+    ) -> tuple[wp.array, wp.array, NDArray[np.float64], NDArray[np.float64]]:
+        """Kinds of the small blocks of cells, which of their cells there may be something to see in, and the box of
+        those blocks in index coordinates.
+        """
         data = self.volume.on(device)
         shape = small.blocks(data.shape)
         if not self.skip_empty:
-            everything = wp.empty(shape, dtype=wp.int16, device=device), wp.empty(shape, dtype=wp.uint64, device=device)
-            everything[0].fill_(int(small.SEVERAL))
-            everything[1].fill_(2**64 - 1)
-            return everything
+            kinds, masks = (wp.empty(shape, dtype=dtype, device=device) for dtype in (wp.int16, wp.uint64))
+            kinds.fill_(int(small.SEVERAL))
+            masks.fill_(2**64 - 1)
+            return kinds, masks, *self.volume.index_box
 
         def build_extents() -> wp.array:
             result = self._buffer("extents", shape, wp.types.vector(2, variant.dtype), device)
             launch(small.make_ranges(variant.dtype), result.size, [data, result], device)
             return result
 
-        def build() -> tuple[wp.array, wp.array]:
+        def build() -> tuple[wp.array, wp.array, NDArray[np.float64], NDArray[np.float64]]:
             masks = self._buffer("masks", shape, wp.uint64, device)
             before, after = (self._buffer(name, shape, wp.int16, device) for name in ("kinds", "kinds before"))
             launch(small.make_kinds(variant.dtype), masks.size, [extents, wp.float64(shift), transfer, before], device)
@@ -319,10 +325,22 @@ class Renderer:
                 before, after = after, before
             inputs = [data, extents, wp.float64(shift), transfer, before, masks]
             launch(small.make_masks(variant.dtype), masks.size, inputs, device)
-            return before, masks
+            return before, masks, *self._seen_box(before.numpy() > int(small.EMPTY))
 
         extents = self._keep("extents", (self.volume, device.alias), build_extents)
         return self._keep("kinds", (self._kept["simplified"][0], self.volume), build)
+
+    def _seen_box(self, seen: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Box of the small blocks (z, y, x) that are seen, in index coordinates; high < low if none is."""
+        low, high = self.volume.index_box
+        if not seen.any():
+            return high + 1, low - 1
+        for axis in range(3):
+            if self.volume.dimensions[axis] > 1:
+                at = np.flatnonzero(seen.any(axis=tuple(a for a in range(3) if a != 2 - axis))) << int(small.BITS)
+                low[axis] = at[0]
+                high[axis] = min(high[axis], at[-1] + (1 << int(small.BITS)))
+        return low, high
 
     def _buffer(self, name: str, shape: tuple[int, ...], dtype: Any, device: wp.Device) -> wp.array:
         """An array that is made once: volumes of one shape that follow each other write into the same."""
