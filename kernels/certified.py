@@ -26,7 +26,7 @@ PACKET = 4
 CLOSE = 1e-9
 
 # The cubic about the middle of a ray's piece in a cell, at local point p, h half its length: (m0, m1, m2, m3), v in
-# [-1, 1]. In C++, where the eight corners share one address and sums may be fused: a quarter faster.
+# [-1, 1]. In C++, where the corners share one address and sums may be fused: the frame is a tenth faster.
 CENTERED = """
 #pragma clang fp contract(fast)
 const size_t nx = data.shape[2];
@@ -198,6 +198,7 @@ def make_certified(variant):
         ny = far
         nz = far
         leaps = bool(True)
+        blind = bool(False)
         t = zero
         final = length - real(CLOSE)
         clear = real(1.0) - scene.steps.opaque
@@ -217,7 +218,9 @@ def make_certified(variant):
                 if leaps:
                     # To where the ray leaves the cube of empty blocks.
                     reach = EMPTY - int(scene.kinds[k >> BITS, j >> BITS, i >> BITS])
-                    if reach >= 0:
+                    if reach >= 0 or blind:
+                        # A block of another kind may have no cell to see, by rounding.
+                        reach = wp.max(reach, 0)
                         ex = wp.where(d[0] > zero, (i >> BITS) + reach + 1, (i >> BITS) - reach) << BITS
                         ey = wp.where(d[1] > zero, (j >> BITS) + reach + 1, (j >> BITS) - reach) << BITS
                         ez = wp.where(d[2] > zero, (k >> BITS) + reach + 1, (k >> BITS) - reach) << BITS
@@ -239,11 +242,11 @@ def make_certified(variant):
                     ny = wp.where(gap[1] < far, (real(j + wp.max(sy, 0)) - origin[1]) * inverse[1], far)
                     nz = wp.where(gap[2] < far, (real(k + wp.max(sz, 0)) - origin[2]) * inverse[2], far)
                     leaps = False
+                    blind = False
                 mask = scene.masks[wp.max(k, 0) >> BITS, wp.max(j, 0) >> BITS, wp.max(i, 0) >> BITS]
                 if mask == wp.uint64(0):
                     leaps = True
-                    if t >= length:
-                        leaps = False
+                    blind = True
                     continue
                 # The nearest face; comparisons, since Warp's min also looks for NaN.
                 stop = wp.where(nx < ny, nx, ny)

@@ -157,8 +157,9 @@ def test_skipping_changes_nothing(device):
 def test_nothing_to_see_costs_nothing():
     volume = volumes()["noisy"]
     tf = wvr.TransferFunction([(0, "red", 0.0), (255, "white", 0.0)])
-    image = wvr.render(volume, tf, wvr.Camera.fit(volume), (32, 32))
-    assert not image.rgba.any() and not image.samples.any() and not image.error_bound.any()
+    for camera in (wvr.Camera.fit(volume), wvr.Camera.fit(volume, direction=(0, 1, 0), parallel=True), along(2)):
+        image = wvr.render(volume, tf, camera, (33, 33))
+        assert not image.rgba.any() and not image.samples.any() and not image.error_bound.any()
 
 
 def test_a_coarser_tolerance_costs_less():

@@ -331,10 +331,10 @@ class Renderer:
         return self._keep("kinds", (self._kept["simplified"][0], self.volume), build)
 
     def _seen_box(self, seen: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Box of the small blocks (z, y, x) that are seen, in index coordinates; high < low if none is."""
+        """Box of the small blocks (z, y, x) that are seen, in index coordinates; a point if none is."""
         low, high = self.volume.index_box
         if not seen.any():
-            return high + 1, low - 1
+            return low, low
         for axis in range(3):
             if self.volume.dimensions[axis] > 1:
                 at = np.flatnonzero(seen.any(axis=tuple(a for a in range(3) if a != 2 - axis))) << int(small.BITS)
