@@ -24,6 +24,7 @@ from .transfer import make_transfer
 PACKET = 4
 # A face so close to the end of the ray is the end.
 CLOSE = 1e-9
+FAR = 1e300
 
 # The cubic about the middle of a ray's piece in a cell, at local point p, h half its length: (m0, m1, m2, m3), v in
 # [-1, 1]. In C++, where the corners share one address and sums may be fused: the frame is a tenth faster.
@@ -171,9 +172,13 @@ def make_certified(variant):
         return segment, error, count
 
     @wp.func
+    def reached(face: int, origin: real, inverse: real):
+        """Where the ray is at a face across an axis; never, where it does not move along the axis or there is none."""
+        return wp.where(inverse != real(0.0), (real(face) - origin) * inverse, real(FAR))
+
+    @wp.func
     def march(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, length: real):
         zero = real(0.0)
-        far = real(1.0e300)
         third = real(wp.static(1.0 / 3.0))
         last = scene.field.last
         outer = scene.transfer.knot.shape[0] - 1
@@ -182,7 +187,7 @@ def make_certified(variant):
         if wp.static(variant.dtype in (wp.float16, wp.float32, wp.float64)):
             shift = scene.field.shift
         # Between the faces of an axis that there are faces to cross along.
-        gap = wp.vec3d(far, far, far)
+        gap = wp.vec3d()
         inverse = wp.vec3d()
         for axis in range(3):
             if d[axis] != zero and last[axis] > 0:
@@ -194,11 +199,9 @@ def make_certified(variant):
         i = wp.max(wp.min(int(origin[0]), last[0]), 0)
         j = wp.max(wp.min(int(origin[1]), last[1]), 0)
         k = wp.max(wp.min(int(origin[2]), last[2]), 0)
-        nx = far
-        ny = far
-        nz = far
-        leaps = bool(True)
-        blind = bool(False)
+        nx = reached(i + wp.max(sx, 0), origin[0], inverse[0])
+        ny = reached(j + wp.max(sy, 0), origin[1], inverse[1])
+        nz = reached(k + wp.max(sz, 0), origin[2], inverse[2])
         t = zero
         final = length - real(CLOSE)
         clear = real(1.0) - scene.steps.opaque
@@ -215,38 +218,31 @@ def make_certified(variant):
             # The next cells that have something to see.
             n = int(0)
             while n < PACKET and t < length:
-                if leaps:
-                    # To where the ray leaves the cube of empty blocks.
-                    reach = EMPTY - int(scene.kinds[k >> BITS, j >> BITS, i >> BITS])
-                    if reach >= 0 or blind:
-                        # A block of another kind may have no cell to see, by rounding.
-                        reach = wp.max(reach, 0)
-                        ex = wp.where(d[0] > zero, (i >> BITS) + reach + 1, (i >> BITS) - reach) << BITS
-                        ey = wp.where(d[1] > zero, (j >> BITS) + reach + 1, (j >> BITS) - reach) << BITS
-                        ez = wp.where(d[2] > zero, (k >> BITS) + reach + 1, (k >> BITS) - reach) << BITS
-                        lx = wp.where(gap[0] < far, (real(ex) - origin[0]) * inverse[0], far)
-                        ly = wp.where(gap[1] < far, (real(ey) - origin[1]) * inverse[1], far)
-                        lz = wp.where(gap[2] < far, (real(ez) - origin[2]) * inverse[2], far)
-                        end = wp.where(lx < ly, lx, ly)
-                        end = wp.where(lz < end, lz, end)
-                        t = wp.where(end > t, end, t)
-                        if t > final:
-                            t = length
-                        i = wp.where(lx <= t, wp.where(d[0] > zero, ex, ex - 1), int(origin[0] + t * d[0]))
-                        j = wp.where(ly <= t, wp.where(d[1] > zero, ey, ey - 1), int(origin[1] + t * d[1]))
-                        k = wp.where(lz <= t, wp.where(d[2] > zero, ez, ez - 1), int(origin[2] + t * d[2]))
-                        i = wp.max(wp.min(i, last[0]), 0)
-                        j = wp.max(wp.min(j, last[1]), 0)
-                        k = wp.max(wp.min(k, last[2]), 0)
-                    nx = wp.where(gap[0] < far, (real(i + wp.max(sx, 0)) - origin[0]) * inverse[0], far)
-                    ny = wp.where(gap[1] < far, (real(j + wp.max(sy, 0)) - origin[1]) * inverse[1], far)
-                    nz = wp.where(gap[2] < far, (real(k + wp.max(sz, 0)) - origin[2]) * inverse[2], far)
-                    leaps = False
-                    blind = False
                 mask = scene.masks[wp.max(k, 0) >> BITS, wp.max(j, 0) >> BITS, wp.max(i, 0) >> BITS]
                 if mask == wp.uint64(0):
-                    leaps = True
-                    blind = True
+                    # To where the ray leaves the cube of empty blocks; one of another kind may have no cell to see.
+                    kind = int(scene.kinds[wp.max(k, 0) >> BITS, wp.max(j, 0) >> BITS, wp.max(i, 0) >> BITS])
+                    reach = wp.max(EMPTY - kind, 0)
+                    ex = wp.where(d[0] > zero, (i >> BITS) + reach + 1, (i >> BITS) - reach) << BITS
+                    ey = wp.where(d[1] > zero, (j >> BITS) + reach + 1, (j >> BITS) - reach) << BITS
+                    ez = wp.where(d[2] > zero, (k >> BITS) + reach + 1, (k >> BITS) - reach) << BITS
+                    lx = reached(ex, origin[0], inverse[0])
+                    ly = reached(ey, origin[1], inverse[1])
+                    lz = reached(ez, origin[2], inverse[2])
+                    end = wp.where(lx < ly, lx, ly)
+                    end = wp.where(lz < end, lz, end)
+                    t = wp.where(end > t, end, t)
+                    if t > final:
+                        t = length
+                    i = wp.where(lx <= t, wp.where(d[0] > zero, ex, ex - 1), int(origin[0] + t * d[0]))
+                    j = wp.where(ly <= t, wp.where(d[1] > zero, ey, ey - 1), int(origin[1] + t * d[1]))
+                    k = wp.where(lz <= t, wp.where(d[2] > zero, ez, ez - 1), int(origin[2] + t * d[2]))
+                    i = wp.max(wp.min(i, last[0]), 0)
+                    j = wp.max(wp.min(j, last[1]), 0)
+                    k = wp.max(wp.min(k, last[2]), 0)
+                    nx = reached(i + wp.max(sx, 0), origin[0], inverse[0])
+                    ny = reached(j + wp.max(sy, 0), origin[1], inverse[1])
+                    nz = reached(k + wp.max(sz, 0), origin[2], inverse[2])
                     continue
                 # The nearest face; comparisons, since Warp's min also looks for NaN.
                 stop = wp.where(nx < ny, nx, ny)
