@@ -307,14 +307,20 @@ def make_certified(variant):
                         # Nearly so, if it only reaches into the intervals next to the mean's: off by most at its ends.
                         q = interval(scene.transfer, mean[l])
                         change = wp.vec4d()
-                        single[l] = True
+                        # The series is for extinctions >= 0, which a line drawn too far need not have.
+                        rate = scene.transfer.slope[wp.max(q, 0)][3]
+                        middle = scene.transfer.value[wp.max(q, 0)][3] + rate * (
+                            mean[l] - scene.transfer.knot[wp.max(q, 0)]
+                        )
+                        single[l] = middle >= wp.abs(rate) * R[l]
                         if q > 0:
                             over = scene.transfer.knot[wp.max(q, 0)] - low
                             if over > zero:
                                 change = over * absolute(
                                     scene.transfer.slope[wp.max(q - 1, 0)] - scene.transfer.slope[wp.max(q, 0)]
                                 )
-                                single[l] = q == 1 or low >= scene.transfer.knot[wp.max(q - 1, 0)]
+                                if q > 1:
+                                    single[l] = single[l] and low >= scene.transfer.knot[wp.max(q - 1, 0)]
                         if q < outer:
                             over = high - scene.transfer.knot[wp.max(q + 1, 0)]
                             if over > zero:
@@ -390,11 +396,11 @@ def make_certified(variant):
                     T -= T * segment[3]
                     l += 1
             count += n
-        A_ = real(1.0) - T
+        total = real(1.0) - T
         if t < length:
             bound += T * scene.steps.brightest
-        if A_ > zero:
-            bound += A_ * scene.steps.tinted + scene.steps.veiled
-        return wp.vec4d(red, green, blue, A_), count, bound
+        if total > zero:
+            bound += total * scene.steps.tinted + scene.steps.veiled
+        return wp.vec4d(red, green, blue, total), count, bound
 
     return march
