@@ -25,7 +25,7 @@ from .importance import MARGIN, make_leap
 from .precision import REALS, vec3_of, vec4_of
 from .scene import Step, make_scene
 from .segment import make_opacities, over, widened
-from .transfer import make_transfer
+from .shading import make_point, make_shading
 
 
 @cache
@@ -43,17 +43,19 @@ def make_adaptive(variant):
     vec4 = vec4_of(real)
     Scene = make_scene(variant)
     _, value = make_field(variant.dtype, real)
-    _, _, classify = make_transfer(real)
+    lighted = variant.lit != ""
+    eye_of, _, _, _, _ = make_shading(variant)
+    seen = make_point(variant)
     opacities = make_opacities(real, 4)
     leap = make_leap(real)
 
     @wp.func
-    def emitted(scene: Scene, s: real):
+    def emitted(scene: Scene, s: real, origin: vec3, direction: vec3, t: real, eye: vec3):
         """Emission and extinction; nothing where a NaN or infinite sample makes data absent."""
         if not wp.static(finite):
             if not wp.isfinite(s):
                 return vec4()
-        q = classify(scene.transfer, s)
+        q = seen(scene, s, origin, direction, t, eye)
         tau = wp.max(q[3], real(0.0))
         return vec4(tau * q[0], tau * q[1], tau * q[2], tau)
 
@@ -62,6 +64,7 @@ def make_adaptive(variant):
         scene: Scene,
         origin: vec3,
         direction: vec3,
+        eye: vec3,
         t: wp.float64,
         step: wp.float64,
         known: bool,
@@ -70,16 +73,19 @@ def make_adaptive(variant):
     ):
         """Samples at the ends of the quarters of a step from ``t``; ``known``: the second and the last are given."""
         start = origin + real(t) * direction
-        quarter = real(wp.float64(0.25) * step) * direction
+        part = real(wp.float64(0.25) * step)
+        quarter = part * direction
         # The field before the transfer function: independent loads, which a CPU core overlaps.
         s1 = value(scene.field, start + quarter)
         s3 = value(scene.field, start + real(3.0) * quarter)
         if not known:
             s2 = value(scene.field, start + real(2.0) * quarter)
             s4 = value(scene.field, start + real(4.0) * quarter)
-            q2 = emitted(scene, s2)
-            q4 = emitted(scene, s4)
-        return emitted(scene, s1), q2, emitted(scene, s3), q4
+            q2 = emitted(scene, s2, start, direction, real(2.0) * part, eye)
+            q4 = emitted(scene, s4, start, direction, real(4.0) * part, eye)
+        q1 = emitted(scene, s1, start, direction, part, eye)
+        q3 = emitted(scene, s3, start, direction, real(3.0) * part, eye)
+        return q1, q2, q3, q4
 
     @wp.func
     def mean(q0: vec4, q1: vec4, q2: vec4, q3: vec4, q4: vec4):
@@ -146,7 +152,10 @@ def make_adaptive(variant):
         outer_succeeded = bool(True)
         taken = int(0)
         t = wp.float64(0.0)
-        q0 = emitted(scene, value(scene.field, origin))
+        eye = vec3()
+        if wp.static(lighted):
+            eye = eye_of(scene, direction)
+        q0 = emitted(scene, value(scene.field, origin), origin, direction, real(0.0), eye)
         q1 = vec4()
         q2 = vec4()
         q3 = vec4()
@@ -180,7 +189,7 @@ def make_adaptive(variant):
             depth_error = wp.float64(0.0)
             attempt = bool(True)
             while attempt:
-                q1, q2, q3, q4 = sampled(scene, origin, direction, t, step, known, q2, q4)
+                q1, q2, q3, q4 = sampled(scene, origin, direction, eye, t, step, known, q2, q4)
                 count += wp.where(known, 2, 4)
                 # What is behind the ray's opacity counts for less.
                 depth_error = (wp.float64(1.0) - ray[3]) * wp.float64(error(q0, q1, q2, q3, q4)[3])
@@ -221,7 +230,7 @@ def make_adaptive(variant):
             known = bool(False)
             while rest > wp.float64(0.0):
                 if not fresh:
-                    q1, q2, q3, q4 = sampled(scene, origin, direction, t, step, known, q2, q4)
+                    q1, q2, q3, q4 = sampled(scene, origin, direction, eye, t, step, known, q2, q4)
                     count += wp.where(known, 2, 4)
                 fresh = False
                 segment, outer_error = contribution(q0, q1, q2, q3, q4, real(step))

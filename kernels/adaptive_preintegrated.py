@@ -6,7 +6,8 @@ A step's error counts by the transparency in front of it, so distances grow as a
 because the error may grow with the cube of the step.
 
 Segments have their own length: a 2D table says their mean extinction, which makes opacity exact, and the mean emission,
-which is exact for the shortest steps and right to first order for longer ones.
+which is exact for the shortest steps and right to first order for longer ones. They are lit by the mean of the light
+at their ends, with the coefficients of their middle.
 """
 
 from functools import cache
@@ -15,10 +16,12 @@ import warp as wp
 
 from .field import make_field
 from .importance import BLOCK, make_leave
-from .precision import REALS, vec3_of
+from .precision import REALS, vec3_of, vec4_of
 from .scene import Step, make_scene
 from .segment import make_absorbed, over, widened
+from .shading import intensity_of, make_shading
 from .table import make_table
+from .transfer import make_transfer
 
 # Segments of which the field is sampled before any is composited: independent loads, which a CPU core overlaps.
 PACKET = 4
@@ -35,22 +38,33 @@ def make_adaptive_preintegrated(variant):
     skip = variant.skip
     traced = variant.traced
     vec3 = vec3_of(real)
+    vec4 = vec4_of(real)
     packet = wp.types.vector(PACKET, real)
     Scene = make_scene(variant)
     _, value = make_field(variant.dtype, real)
     _, lookup = make_table(real)
     absorbed, _ = make_absorbed(real)
     leave = make_leave(real)
+    lighted = variant.lit != ""
+    _, interval, _ = make_transfer(real)
+    Intensity = intensity_of(real)
+    eye_of, gradient, light, lit, _ = make_shading(variant)
 
     @wp.func
-    def segment(scene: Scene, front: real, back: real, h: real):
-        """What a segment of length h contributes."""
-        q = lookup(scene.table, front, back)
+    def segment(scene: Scene, q: vec4, h: real):
+        """What a segment of length h contributes, of mean emission and extinction q."""
         if q[3] > real(0.0):
             A = absorbed(q[3] * h)
             q *= A / q[3]
             q[3] = A
         return widened(q)
+
+    @wp.func
+    def brightened(scene: Scene, q: vec4, s: real, I: Intensity):
+        """Mean emission lit."""
+        color = q / q[3]
+        color[3] = real(1.0)
+        return q[3] * lit(scene, color, interval(scene.transfer, s), s, I)
 
     @wp.func
     def march(scene: Scene, origin: vec3, direction: vec3, length: real):
@@ -63,6 +77,11 @@ def make_adaptive_preintegrated(variant):
         t = real(0.0)
         front = real(0.0)
         known = bool(False)  # the scalar at t
+        eye = vec3()
+        if wp.static(lighted):
+            eye = eye_of(scene, direction)
+        start = Intensity()  # what light does at ``shone``
+        shone = real(-1.0)
         while t < length and ray[3] <= scene.steps.opaque:
             end, axis = leave(last, origin, direction, block, length)
             visible = bool(end > t)
@@ -84,7 +103,17 @@ def make_adaptive_preintegrated(variant):
                     for l in range(wp.static(PACKET)):
                         if i + l < steps:
                             if wp.static(finite) or (wp.isfinite(front) and wp.isfinite(s[l])):
-                                ray = over(ray, segment(scene, front, s[l], h))
+                                q = lookup(scene.table, front, s[l])
+                                if wp.static(lighted):
+                                    if q[3] > real(0.0):
+                                        here = t + real(i + l) * h
+                                        if shone != here:
+                                            start = light(scene, gradient(scene, origin + here * direction), eye)
+                                        shone = t + real(i + l + 1) * h
+                                        stop = light(scene, gradient(scene, origin + shone * direction), eye)
+                                        q = brightened(scene, q, real(0.5) * (front + s[l]), real(0.5) * (start + stop))
+                                        start = stop
+                                ray = over(ray, segment(scene, q, h))
                             front = s[l]
                             if wp.static(traced):
                                 record(scene, count + i + l, t + real(i + l) * h, h, distance, ray)

@@ -3,7 +3,8 @@
 On such a piece the scalar s is a cubic in the length u from its start, extinction and colour are linear in s, and the
 optical depth D is a quartic in closed form. What the piece adds of colour is
 ``int c tau exp(-D) du = c0 (1 - exp(-D)) + c' int (s - s0) tau exp(-D) du``; quadrature is left with the last integral,
-whose terms have one sign where s is monotone.
+whose terms have one sign where s is monotone. Where there is light, which is no polynomial, the whole colour is left to
+quadrature, with eight nodes or more.
 
 Where a ray runs in the face of two cells, one absent and one not, either may be the one it sees.
 """
@@ -17,6 +18,7 @@ from .cell import at, cubic, make_corners, moved, quartic, turns, vec5d, zero
 from .importance import BLOCK
 from .scene import make_scene
 from .segment import CUT, RULES, make_absorbed, over
+from .shading import make_shading
 from .transfer import make_transfer, make_transparent
 
 # Nodes of the Gauss-Legendre rules of ``segment.gauss_nodes`` by optical depth of a piece: (depth up to, rule). The
@@ -27,22 +29,36 @@ DEPTHS = ((1e-4, 0), (0.01, 1), (2.0, 2), (4.0, 3))
 
 @cache
 def make_pieces(variant):
-    """Of a scalar that is the cubic ``s`` of the length from the start of a piece:
+    """Of a scalar that is the cubic ``s`` of the length from the start of a piece at p, in direction d:
 
-    ``piece(tf, nodes, s, length, k)`` -> segment in interval k;
-    ``cut(scene, s, length)`` -> segment in whatever intervals there are, and the number of its pieces.
+    ``piece(scene, p, d, eye, s, length, k)`` -> segment in interval k;
+    ``cut(scene, p, d, eye, s, length)`` -> segment in whatever intervals there are, and the number of its pieces.
+    Positions and directions count only where there is light.
     """
     Scene = make_scene(variant)
-    Transfer, interval, _ = make_transfer(wp.float64)
+    _, interval, _ = make_transfer(wp.float64)
     absorbed, _ = make_absorbed(wp.float64)
     sizes = [n for _, n in RULES["float64"]]
     (d0, n0), (d1, n1), (d2, n2), (d3, n3) = [(depth, sizes[rule]) for depth, rule in DEPTHS]
     o1, o2, o3 = np.cumsum(sizes)[:3].tolist()
     opaque = CUT["float64"]
+    lighted = variant.lit != ""
+    _, gradient, light, lit, _ = make_shading(variant)
 
     @wp.func
-    def moment(nodes: wp.array(dtype=wp.vec2d), s: wp.vec4d, tau: wp.vec4d, D: vec5d, length: wp.float64):
-        """Integral of (s - s0) tau exp(-D)."""
+    def quadrature(
+        scene: Scene,
+        p: wp.vec3d,
+        d: wp.vec3d,
+        eye: wp.vec3d,
+        s: wp.vec4d,
+        tau: wp.vec4d,
+        D: vec5d,
+        length: wp.float64,
+        front: wp.vec4d,
+        k: int,
+    ):
+        """Integrals of (s - s0) tau exp(-D), and of c tau exp(-D) where c is lit."""
         depth = quartic(D, length)
         first = int(0)
         count = int(n0)
@@ -52,10 +68,11 @@ def make_pieces(variant):
         elif depth > wp.float64(d1):
             first = o2
             count = n2
-        elif depth > wp.float64(d0):
+        elif depth > wp.float64(d0) or wp.static(lighted):
             first = o1
             count = n1
         total = wp.float64(0.0)
+        color = wp.vec4d()
         start = wp.float64(0.0)
         reached = wp.float64(0.0)
         while reached < wp.min(depth, wp.float64(opaque)):
@@ -65,20 +82,24 @@ def make_pieces(variant):
                 behind = D
                 behind[0] = -reached
                 stop = zero(behind, start, length, wp.float64(0.5) * (start + length), wp.float64(1.0))
-            part = wp.float64(0.0)
             for i in range(first, first + count):
-                node = nodes[wp.max(i, 0)]
+                node = scene.nodes[wp.max(i, 0)]
                 u = start + node[0] * (stop - start)
                 risen = u * (s[1] + u * (s[2] + u * s[3]))
-                part += node[1] * risen * at(tau, u) * wp.exp(-quartic(D, u))
-            total += (stop - start) * part
+                weight = (stop - start) * node[1] * at(tau, u) * wp.exp(-quartic(D, u))
+                if wp.static(lighted):
+                    q = front + risen * scene.transfer.slope[k]
+                    I = light(scene, gradient(scene, p + u * d), eye)
+                    color += weight * lit(scene, q, k, s[0] + risen, I)
+                else:
+                    total += weight * risen
             start = stop
-        return total
+        return total, color
 
     @wp.func
-    def piece(tf: Transfer, nodes: wp.array(dtype=wp.vec2d), s: wp.vec4d, length: wp.float64, k: int):
-        slope = tf.slope[k]
-        front = tf.value[k] + (s[0] - tf.knot[k]) * slope
+    def piece(scene: Scene, p: wp.vec3d, d: wp.vec3d, eye: wp.vec3d, s: wp.vec4d, length: wp.float64, k: int):
+        slope = scene.transfer.slope[k]
+        front = scene.transfer.value[k] + (s[0] - scene.transfer.knot[k]) * slope
         tau = slope[3] * s
         # Interpolated towards a knot where it is 0 it may be negative by rounding.
         tau[0] = wp.max(front[3], wp.float64(0.0))
@@ -91,13 +112,16 @@ def make_pieces(variant):
         )
         A = absorbed(wp.max(quartic(D, length), wp.float64(0.0)))
         segment = A * front
-        if slope[0] != wp.float64(0.0) or slope[1] != wp.float64(0.0) or slope[2] != wp.float64(0.0):
-            segment += moment(nodes, s, tau, D, length) * slope
+        if wp.static(lighted):
+            _moment, segment = quadrature(scene, p, d, eye, s, tau, D, length, front, k)
+        elif slope[0] != wp.float64(0.0) or slope[1] != wp.float64(0.0) or slope[2] != wp.float64(0.0):
+            moment, _color = quadrature(scene, p, d, eye, s, tau, D, length, front, k)
+            segment += moment * slope
         segment[3] = A
         return segment
 
     @wp.func
-    def cut(scene: Scene, s: wp.vec4d, length: wp.float64):
+    def cut(scene: Scene, p: wp.vec3d, d: wp.vec3d, eye: wp.vec3d, s: wp.vec4d, length: wp.float64):
         segment = wp.vec4d()
         count = int(0)
         last = scene.transfer.knot.shape[0] - 1
@@ -125,7 +149,8 @@ def make_pieces(variant):
                     stop = zero(vec5d(s[0] - knot, s[1], s[2], s[3], wp.float64(0.0)), start, end, guess, sign)
                     value = knot
                 if stop > start and scene.transfer.visible[m] == m:
-                    segment = over(segment, piece(scene.transfer, scene.nodes, moved(s, start), stop - start, m))
+                    part = piece(scene, p + start * d, d, eye, moved(s, start), stop - start, m)
+                    segment = over(segment, part)
                     count += 1
                 start = stop
                 if crosses:
@@ -144,11 +169,12 @@ def make_exact(variant):
     _, corners = make_corners(variant.dtype)
     _, interval, _ = make_transfer(wp.float64)
     transparent = make_transparent(wp.float64)
+    eye_of, _, _, _, _ = make_shading(variant)
     piece, cut = make_pieces(variant)
 
     @wp.func
-    def through(scene: Scene, i: int, j: int, k: int, p: wp.vec3d, d: wp.vec3d, length: wp.float64):
-        """Segment of a cell from its local point ``p``, and the number of its pieces."""
+    def through(scene: Scene, i: int, j: int, k: int, start: wp.vec3d, d: wp.vec3d, eye: wp.vec3d, length: wp.float64):
+        """Segment of a cell from the point ``start``, and the number of its pieces."""
         c = corners(scene.field, i, j, k)
         if not wp.static(finite):
             for n in range(8):
@@ -158,10 +184,11 @@ def make_exact(variant):
         high = wp.max(c)
         if transparent(scene.transfer, low, high):
             return wp.vec4d(), int(0)
-        s = cubic(c, p, d)
-        if interval(scene.transfer, low) == interval(scene.transfer, high):
-            return piece(scene.transfer, scene.nodes, s, length, interval(scene.transfer, low)), int(1)
-        segment, count = cut(scene, s, length)
+        s = cubic(c, start - wp.vec3d(wp.float64(i), wp.float64(j), wp.float64(k)), d)
+        m = interval(scene.transfer, low)
+        if m == interval(scene.transfer, high):
+            return piece(scene, start, d, eye, s, length, m), int(1)
+        segment, count = cut(scene, start, d, eye, s, length)
         return segment, count
 
     @wp.func
@@ -183,6 +210,9 @@ def make_exact(variant):
     def march(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, length: wp.float64):
         ray = wp.vec4d()
         count = int(0)
+        eye = wp.vec3d()
+        if wp.static(variant.lit != ""):
+            eye = eye_of(scene, direction)
         last = scene.field.last
         cell = wp.vec3i()
         for a in range(3):
@@ -208,10 +238,9 @@ def make_exact(variant):
                     here = int(origin[a] + end * direction[a])
                     cell[a] = wp.clamp(here, first, wp.min(first + BLOCK - 1, last[a]))
             elif end > t:
-                local = origin + t * direction
-                for a in range(3):
-                    local[a] -= wp.float64(cell[a])
-                segment, pieces = through(scene, cell[0], cell[1], cell[2], local, direction, end - t)
+                segment, pieces = through(
+                    scene, cell[0], cell[1], cell[2], origin + t * direction, direction, eye, end - t
+                )
                 ray = over(ray, segment)
                 count += pieces
             t = wp.max(t, end)

@@ -22,6 +22,9 @@ class Variant:
     finite: bool  # no sample is NaN or infinite
     skip: bool = False  # leap over empty blocks
     traced: bool = False  # the steps of a ray are written down, by a march that has them
+    lit: str = ""  # how a segment is lit, a mode of ``lit``, or "point" where every sample is; "" is not at all
+    gradient: str = "central"  # that light sees: "central" differences or those of the "cell"
+    material: bool = False  # ambient, diffuse and specular coefficients vary with the scalar
 
 
 @wp.struct
@@ -52,6 +55,25 @@ class Step:
     rgba: wp.vec4d  # the ray's composite at its end
 
 
+@wp.struct
+class Light:
+    headlight: bool
+    toward: wp.vec3d  # unit vector from the scene to the light, in world space
+    color: wp.vec3d
+
+
+@wp.struct
+class Shading:
+    ambient: wp.float64
+    diffuse: wp.float64
+    specular: wp.float64
+    shininess: wp.float64
+    faint: wp.float64  # square of the gradient where light has half faded [scalars per world length]^2
+    parts: int  # that a segment is lit in, by the mode "supersampled"
+    to_world: wp.mat33d  # index gradients to world gradients
+    ahead: wp.mat33d  # index directions to world directions
+
+
 @cache
 def make_scene(variant):
     """The struct with all that a kernel of ``variant`` reads."""
@@ -71,6 +93,8 @@ def make_scene(variant):
         kinds: wp.array3d(dtype=wp.int16)  # [z, y, x] of small blocks of cells, as of ``blocks``
         masks: wp.array3d(dtype=wp.uint64)  # of their cells
         bound: wp.array2d(dtype=wp.float32)  # on the error of each ray
+        shading: Shading
+        lights: wp.array(dtype=Light)
         table: Table
         nodes: wp.array(dtype=vec2)  # of ``segment.gauss_nodes``
         distance: wp.array3d(dtype=wp.float32)  # [z, y, x] of blocks, as of ``importance``
@@ -82,6 +106,8 @@ def make_scene(variant):
         field: Field
         transfer: Transfer
         empty: wp.array3d(dtype=wp.uint8)
+        shading: Shading
+        lights: wp.array(dtype=Light)
         table: Table
         distance: wp.array3d(dtype=wp.float32)
         trace: wp.array(dtype=Step)

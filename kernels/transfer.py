@@ -9,12 +9,13 @@ from functools import cache
 
 import warp as wp
 
-from .precision import vec4_of
+from .precision import vec3_of, vec4_of
 
 
 @cache
 def make_transfer(real):
     """The struct, ``interval(tf, s)`` -> index, and ``classify(tf, s)`` -> (r, g, b, extinction) at scalar ``s``."""
+    vec3 = vec3_of(real)
     vec4 = vec4_of(real)
 
     @wp.struct
@@ -22,6 +23,8 @@ def make_transfer(real):
         knot: wp.array(dtype=real)  # (n + 1,) where interval k begins; that of interval 0 is never compared
         value: wp.array(dtype=vec4)  # (n + 1,) (r, g, b, extinction) at the knot
         slope: wp.array(dtype=vec4)  # (n + 1,) its slope in the interval
+        factor: wp.array(dtype=vec3)  # (n + 1,) ambient, diffuse, specular coefficient at the knot, if there are any
+        factor_slope: wp.array(dtype=vec3)
         visible: wp.array(dtype=int)  # (n + 1,) first interval from k on with any extinction, n + 1 if there is none
         bins: wp.array(dtype=wp.vec2i)  # first interval that reaches into the bin, and one past the last
         low: real  # the bins' origin

@@ -12,9 +12,11 @@ import warp as wp
 
 from .field import make_field
 from .importance import MARGIN, make_leap
+from .lit import make_lit
 from .precision import REALS, vec3_of, vec4_of
 from .scene import make_scene
 from .segment import make_interval, make_opacities, over, widened
+from .shading import intensity_of, make_point, make_shading
 from .table import make_table
 from .transfer import make_transfer
 
@@ -72,8 +74,12 @@ def make_uniform(variant):
     packet = wp.types.vector(PACKET, real)
     Scene = make_scene(variant)
     _, value = make_field(variant.dtype, real)
-    _, _, classify = make_transfer(real)
     _, lookup = make_table(real)
+    lighted = variant.lit != ""
+    Intensity = intensity_of(real)
+    eye_of, _, _, _, _ = make_shading(variant)
+    seen = make_point(variant)
+    light_ends, absorbs, lit_segment = make_lit(variant)
     opacities = make_opacities(real, PACKET)
     linear_segment = make_linear_segment(real)
     leap = make_leap(real)
@@ -86,35 +92,48 @@ def make_uniform(variant):
         return wp.isfinite(s)
 
     @wp.func
-    def sampled(scene: Scene, front: real, middle: real, s: real, h: real):
-        """Colour and extinction that a rule gives a segment of length h, from the scalars that it uses."""
+    def sampled(
+        scene: Scene,
+        origin: vec3,
+        direction: vec3,
+        eye: vec3,
+        a: real,
+        h: real,
+        front: real,
+        middle: real,
+        s: real,
+    ):
+        """Colour and extinction that a rule gives the segment [a, a + h], from the scalars that it uses."""
+        half = real(0.5) * h
         if wp.static(rule == "simpson"):
-            qf = classify(scene.transfer, front)
-            qm = classify(scene.transfer, middle)
-            qb = classify(scene.transfer, s)
+            qf = seen(scene, front, origin, direction, a, eye)
+            qm = seen(scene, middle, origin, direction, a + half, eye)
+            qb = seen(scene, s, origin, direction, a + h, eye)
             tau = (qf[3] + real(4.0) * qm[3] + qb[3]) * real(wp.static(1.0 / 6.0))
             # Half the depth will do for that to the middle: what it is off by, O(h^2), multiplies how far the middle's
             # colour is from the mean, also O(h^2).
-            half = wp.exp(real(-0.5) * tau * h)
-            wm = real(4.0) * qm[3] * half
-            wb = qb[3] * half * half
-            seen = qf[3] + wm + wb
+            through = wp.exp(real(-0.5) * tau * h)
+            wm = real(4.0) * qm[3] * through
+            wb = qb[3] * through * through
+            total = qf[3] + wm + wb
             q = vec4()
-            if seen > real(0.0):
-                q = (qf[3] * qf + wm * qm + wb * qb) / seen
+            if total > real(0.0):
+                q = (qf[3] * qf + wm * qm + wb * qb) / total
                 q[3] = tau
             return q
         elif wp.static(rule == "trapezoid"):
-            qf = classify(scene.transfer, front)
-            qb = classify(scene.transfer, s)
+            qf = seen(scene, front, origin, direction, a, eye)
+            qb = seen(scene, s, origin, direction, a + h, eye)
             tau = qf[3] + qb[3]
             q = vec4()
             if tau > real(0.0):
                 q = (qf[3] * qf + qb[3] * qb) / tau
                 q[3] = real(0.5) * tau
             return q
+        elif wp.static(rule == "left"):
+            return seen(scene, s, origin, direction, a, eye)
         else:
-            return classify(scene.transfer, s)
+            return seen(scene, s, origin, direction, a + half, eye)
 
     @wp.func
     def ahead_of(scene: Scene, origin: vec3, direction: vec3, length: real, step: real, i: int):
@@ -130,11 +149,17 @@ def make_uniform(variant):
         step = real(scene.steps.step)
         ray = wp.vec4d()
         count = int(wp.ceil(length / step))
+        eye = vec3()
+        if wp.static(lighted):
+            eye = eye_of(scene, direction)
         front = real(0.0)
         if wp.static(ends):
             front = value(scene.field, origin)
         i = int(0)
         evaluated = int(0)
+        # What light does where segment ``shone`` starts.
+        start = Intensity()
+        shone = int(-1)
         # Only where the last packet was transparent is it worth asking whether the block is.
         idle = bool(True)
         while i < count and ray[3] <= scene.steps.opaque:
@@ -164,7 +189,30 @@ def make_uniform(variant):
                     # The last step is what is left of the ray; lanes beyond have no length.
                     h = wp.clamp(length - real(i + l) * step, real(0.0), step)
                     if h > real(0.0) and present(front) and present(s[l]):
-                        if i + l < count - 1:
+                        if wp.static(lighted):
+                            if absorbs(scene, front, s[l]):
+                                if shone != i + l:
+                                    start = light_ends(scene, origin, direction, real(i + l) * step, eye)
+                                stop = light_ends(scene, origin, direction, real(i + l) * step + h, eye)
+                                ray = over(
+                                    ray,
+                                    lit_segment(
+                                        scene,
+                                        origin,
+                                        direction,
+                                        eye,
+                                        real(i + l) * step,
+                                        h,
+                                        i + l < count - 1,
+                                        front,
+                                        s[l],
+                                        start,
+                                        stop,
+                                    ),
+                                )
+                                start = stop
+                                shone = i + l + 1
+                        elif i + l < count - 1:
                             ray = over(ray, widened(lookup(scene.table, front, s[l])))
                         else:
                             ray = over(ray, linear_segment(scene.transfer, scene.nodes, front, s[l], h))
@@ -177,7 +225,7 @@ def make_uniform(variant):
                 for l in range(wp.static(PACKET)):
                     h = wp.clamp(length - real(i + l) * step, real(0.0), step)
                     if present(front) and present(middle[l]) and present(s[l]):
-                        q = sampled(scene, front, middle[l], s[l], h)
+                        q = sampled(scene, origin, direction, eye, real(i + l) * step, h, front, middle[l], s[l])
                         red[l] = q[0]
                         green[l] = q[1]
                         blue[l] = q[2]

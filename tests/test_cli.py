@@ -79,7 +79,8 @@ def test_the_defaults_are_those_of_the_api(run):
 def test_every_option_arrives(run, rendered, monkeypatch):
     threads = []
     monkeypatch.setattr(wvr, "set_num_threads", threads.append)
-    options = "--size 8x6 --integrator riemann:0.25:left --precision float64 --device cpu --termination 0 --threads 3"
+    options = "--lighting center:0.1:0.5 "
+    options += "--size 8x6 --integrator riemann:0.25:left --precision float64 --device cpu --termination 0 --threads 3"
     assert (
         render_spheres(run, *options.split(), "--background", "white")
         == "spheres.png: 8 x 6, 1,234,567 samples, 0.25 s\n"
@@ -87,6 +88,7 @@ def test_every_option_arrives(run, rendered, monkeypatch):
     expected = {
         "size": (8, 6),
         "integrator": wvr.Riemann(0.25, "left"),
+        "lighting": wvr.Lighting("center", ambient=0.1, diffuse=0.5),
         "precision": "float64",
         "device": "cpu",
         "termination": 0,
@@ -99,7 +101,7 @@ def test_every_option_arrives(run, rendered, monkeypatch):
 def test_what_is_not_given_is_left_to_the_api(run, rendered):
     render_spheres(run)
     assert rendered["size"] == (512, 512) and rendered["precision"] == "auto"
-    assert [rendered[name] for name in ("integrator", "device", "termination", "background")] == [None] * 4
+    assert [rendered[name] for name in ("integrator", "lighting", "device", "termination")] == [None] * 4
 
 
 @pytest.mark.parametrize(
@@ -247,6 +249,9 @@ def test_the_background_is_in_png_files(run, rendered):
             2,
             "--integrator must start with one of riemann, simpson",
         ),
+        ("render spheres --lighting phong", 2, "--lighting must be one of center, average"),
+        ("render spheres --lighting center:x", 2, "or like interpolated:0.2:0.7:0.3:32"),
+        ("render spheres --lighting center:-1", 2, "ambient must be"),
         ("render spheres --integrator riemann", 2, "step"),
         ("render spheres --integrator riemann:left", 2, "step must be a number"),
         ("render spheres --integrator riemann:0", 2, "step must be"),

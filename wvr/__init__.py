@@ -7,6 +7,8 @@ from .image import Image
 from .integrators import AdaptivePreintegrated, AdaptiveSimpson, Certified, Exact, Preintegrated, Riemann, Simpson
 from .io import read, read_raw
 from .launch import get_num_threads, set_num_threads
+from .lighting import Lighting
+from .lights import DirectionalLight, Headlight
 from .renderer import Renderer, render
 from .tables import Table, preintegrate
 from .transfer_function import TransferFunction
@@ -18,8 +20,11 @@ __all__ = [
     "Camera",
     "Certified",
     "Comparison",
+    "DirectionalLight",
     "Exact",
+    "Headlight",
     "Image",
+    "Lighting",
     "Preintegrated",
     "Renderer",
     "Riemann",

@@ -23,6 +23,7 @@ from . import __version__
 if TYPE_CHECKING:
     from .camera import Camera
     from .integrators import Integrator
+    from .lighting import Lighting
     from .transfer_function import TransferFunction
     from .volume import Volume
 
@@ -71,6 +72,7 @@ def render(
     domain: Vector | None = None,
     tolerance: float | None = None,
     integrator: str | None = None,
+    lighting: str | None = None,
     size: str = "512x512",
     direction: Vector | None = None,
     up: Vector | None = None,
@@ -106,6 +108,9 @@ def render(
     integrator
         Instead of a tolerance: NAME:VALUE:... with the values in the order of the API: riemann:0.5, riemann:0.5:left,
         preintegrated:1:4.
+    lighting
+        Light from the camera: interpolated, or another mode of the API, MODE:AMBIENT:DIFFUSE:SPECULAR:SHININESS with
+        what is left out as in the API.
     size
         WIDTHxHEIGHT in pixels.
     direction
@@ -139,6 +144,7 @@ def render(
     import wvr
 
     method = None if integrator is None else _integrator(integrator)
+    light = None if lighting is None else _lighting(lighting)
     width, height = _size(size)
     output = Path(f"{_stem(source)}.png") if output is None else output
     _check_output(output, source, background)
@@ -160,6 +166,7 @@ def render(
             (width, height),
             integrator=method,
             tolerance=tolerance,
+            lighting=light,
             background=background,
             precision=precision,
             device=device,
@@ -345,6 +352,19 @@ def _integrator(text: str) -> Integrator:
         raise ValueError(
             f"--integrator must be like riemann:0.5:left or preintegrated:0.5, got {text!r}: {error}"
         ) from error
+
+
+def _lighting(text: str) -> Lighting:
+    from .lighting import MODES, Lighting
+
+    mode, *values = text.split(":")
+    names = ("ambient", "diffuse", "specular", "shininess")
+    numbers = [_literal(value) for value in values]
+    if mode not in MODES or len(values) > len(names) or any(isinstance(number, str) for number in numbers):
+        raise ValueError(
+            f"--lighting must be one of {', '.join(MODES)}, or like interpolated:0.2:0.7:0.3:32, got {text!r}"
+        )
+    return Lighting(mode, **dict(zip(names, numbers, strict=False)))  # type: ignore[arg-type]
 
 
 def _literal(text: str) -> int | float | str:

@@ -31,16 +31,29 @@ from .kernels.importance import blocks, make_bends, make_distances, make_empty, 
 from .kernels.precision import REALS, vec4_of
 from .kernels.ray import TILE, View, item, tiles
 from .kernels.raycast import make_raycast
-from .kernels.scene import Step, Steps, Variant, make_scene
+from .kernels.scene import Light, Shading, Step, Steps, Variant, make_scene
 from .launch import get_device, launch
+from .lighting import Lighting
+from .lights import Headlight
 from .simplify import Simplified, simplify
-from .tables import nodes_array, range_maxima, table_array, table_struct, transfer_arrays, transfer_values
+from .tables import (
+    lit_tables,
+    nodes_array,
+    range_maxima,
+    table_array,
+    table_struct,
+    transfer_arrays,
+    transfer_factors,
+    transfer_values,
+)
 from .transfer_function import TransferFunction
 from .validation import choice
 from .volume import Volume
 
 DEFAULT = Certified(1 / 512)
 TERMINATION = 1 / 1024
+# Gradient at which light has half faded [range of the transfer function per smallest voxel spacing].
+FAINT = 1e-4
 INTEGRATORS = (Riemann, Simpson, Preintegrated, AdaptivePreintegrated, AdaptiveSimpson, Exact, Certified)
 
 
@@ -56,6 +69,8 @@ class Renderer:
         What to render.
     integrator, tolerance
         One of them; by default the tolerance is 1/512. See :func:`render`.
+    lighting
+        Light on what is emitted; by default none.
     precision
         ``"float32"``, ``"float64"`` or ``"auto"``; see :func:`render`.
     device
@@ -83,6 +98,7 @@ class Renderer:
         *,
         integrator: Integrator | None = None,
         tolerance: float | None = None,
+        lighting: Lighting | None = None,
         precision: str = "auto",
         device: Any = None,
         termination: float | None = None,
@@ -96,6 +112,7 @@ class Renderer:
         self.volume = volume
         self.transfer_function = transfer_function
         self.integrator: Integrator = DEFAULT if integrator is None else integrator
+        self.lighting = lighting
         self.precision = precision
         self.device = device
         self.termination = termination
@@ -129,6 +146,9 @@ class Renderer:
         variant = Variant(
             wp.dtype_from_numpy(self.volume.dtype), precision, rule, not self.volume.has_nonfinite, self.skip_empty
         )
+        if self.lighting is not None:
+            mode = self.lighting.mode if rule == "preintegrated" else "point"
+            variant = replace(variant, lit=mode, gradient=self.lighting.gradient, material=self._material)
         _check_memory(self.volume, width, height, device)
 
         scene = make_scene(variant)()
@@ -144,6 +164,8 @@ class Renderer:
             scene.table = self._table(precision, shift, device)
         if isinstance(self.integrator, AdaptivePreintegrated):
             scene.distance = self._distance(variant, shift, scene.transfer, device)
+        if self.lighting is not None:
+            scene.shading, scene.lights = self._shading(self.lighting, device)
         bound = None
         if rule == "certified":
             scene.kinds, scene.masks, low, high = self._kinds(variant, shift, scene.transfer, device)
@@ -189,8 +211,9 @@ class Renderer:
             assert bound is not None
             error_bound = bound.numpy()
             over = int(np.count_nonzero(error_bound > self.integrator.tolerance))
+            covered = "all channels" if self.lighting is None else "opacity and the unlit integral, not the lighting"
             stats["bound_covers"] = (
-                "all channels: where rays ended, simplification of the transfer function, series and rounding"
+                f"{covered}: where rays ended, simplification of the transfer function, series and rounding"
             )
             stats["rays_over_tolerance"] = over
         return Image(rgba.numpy().astype(shown, copy=False), count, error_bound, stats, self.background, tracer)
@@ -206,6 +229,13 @@ class Renderer:
         if not isinstance(self.integrator, INTEGRATORS):
             names = ", ".join(kind.__name__ for kind in INTEGRATORS)
             raise TypeError(f"integrator must be one of {names}, got {self.integrator!r}")
+        if self.lighting is not None and not isinstance(self.lighting, Lighting):
+            raise TypeError(f"lighting must be a Lighting or None, got {type(self.lighting).__name__}")
+        if self.lighting is not None and getattr(self.integrator, "generator", None) == "approximate":
+            raise ValueError(
+                'integrator: lighting weighs where in a segment it is lit, which generator="approximate" leaves out; '
+                'take "incremental" or "brute"'
+            )
         choice(self.precision, "precision", ("auto", *REALS))
         if self.termination is not None and not 0 <= self.termination < 1:
             raise ValueError(f"termination must be in [0, 1), got {self.termination!r}")
@@ -231,6 +261,33 @@ class Renderer:
         return steps
 
     @property
+    def _material(self) -> bool:
+        """Whether coefficients of light vary with the scalar, and there is light."""
+        tf = self.transfer_function
+        return self.lighting is not None and any(f is not None for f in (tf.ambient, tf.diffuse, tf.specular))
+
+    def _shading(self, lighting: Lighting, device: wp.Device) -> tuple[Any, wp.array]:
+        """The structs of ``kernels.shading``."""
+        knots = self.transfer_function.knots
+        matrix = self.volume.index_to_world[:3, :3]
+        # The gradient is a number: a change over a voxel, in parts of the transfer function's range.
+        scale = self.volume.smallest_spacing / ((knots[-1] - knots[0]) or 1.0)
+        shading = Shading()
+        for name in ("ambient", "diffuse", "specular", "shininess"):
+            setattr(shading, name, getattr(lighting, name))
+        shading.faint = FAINT**2
+        shading.parts = lighting.supersample
+        shading.to_world = wp.mat33d(*(scale * np.linalg.inv(matrix).T).ravel())
+        shading.ahead = wp.mat33d(*matrix.ravel())
+        lights = []
+        for light in lighting.lights:
+            lights.append(Light())
+            lights[-1].headlight = isinstance(light, Headlight)
+            lights[-1].toward = wp.vec3d(*getattr(light, "direction", (0.0, 0.0, 0.0)))
+            lights[-1].color = wp.vec3d(*light.color)
+        return shading, wp.array(lights, dtype=Light, device=device)
+
+    @property
     def _brightest(self) -> float:
         """Largest component of a colour, 1 or more: what a unit of opacity can change in any channel."""
         return max(1.0, float(self.transfer_function.colors.max()))
@@ -253,9 +310,12 @@ class Renderer:
 
     def _transfer(self, precision: str, shift: float, device: wp.Device) -> Any:
         tf, unit = self.transfer_function, self.volume.smallest_spacing
-        key = (tf.key, unit, shift, precision, device.alias)
+        factors = transfer_factors(tf) if self._material else None
+        key = (tf.key, unit, shift, precision, device.alias, self._material)
         return self._keep(
-            "transfer", key, lambda: transfer_arrays(tf.knots, transfer_values(tf, unit), shift, precision, device)
+            "transfer",
+            key,
+            lambda: transfer_arrays(tf.knots, transfer_values(tf, unit), shift, precision, device, factors),
         )
 
     def _empty(self, variant: Variant, shift: float, transfer: Any, device: wp.Device) -> wp.array:
@@ -283,12 +343,15 @@ class Renderer:
 
         def build() -> tuple[Simplified, Any]:
             share = tolerance / 12
-            points = simplify(
-                tf.knots, transfer_values(tf, unit), share, share / brightest, share / (brightest * longest)
-            )
+            values = transfer_values(tf, unit)
+            if self._material:
+                # Coefficients of light belong to the control points there are.
+                points = Simplified(tf.knots, values, 0.0, 0.0, 0.0)
+                return points, transfer_arrays(tf.knots, values, shift, "float64", device, transfer_factors(tf))
+            points = simplify(tf.knots, values, share, share / brightest, share / (brightest * longest))
             return points, transfer_arrays(points.knots, points.values, shift, "float64", device)
 
-        key = (tf.key, unit, longest, tolerance, shift, device.alias)
+        key = (tf.key, unit, longest, tolerance, shift, device.alias, self._material)
         points, transfer = self._keep("simplified", key, build)
         steps.tolerance = tolerance / 4
         steps.brightest = brightest
@@ -392,9 +455,11 @@ class Renderer:
         else:
             length, generator = self.integrator.steps["shortest"], "stretchable"
             n, domain = _table_shape(self.volume, None)
-        key = (tf.key, unit, length, n, domain, generator, precision, device.alias)
-        rgba = self._keep("table", key, lambda: table_array(tf, n, length, unit, domain, generator, precision, device))
-        return table_struct(rgba, domain, shift, precision)
+        lit = self.lighting is not None and generator != "stretchable"
+        key = (tf.key, unit, length, n, domain, generator, precision, device.alias, lit)
+        arguments = (tf, n, length, unit, domain, generator, precision, device)
+        build = lit_tables if lit else table_array
+        return table_struct(self._keep("table", key, lambda: build(*arguments)), domain, shift, precision)
 
 
 def render(
@@ -405,6 +470,7 @@ def render(
     *,
     integrator: Integrator | None = None,
     tolerance: float | None = None,
+    lighting: Lighting | None = None,
     background: str | Sequence[float] | None = None,
     precision: str = "auto",
     device: Any = None,
@@ -429,6 +495,9 @@ def render(
         grey level.
     integrator
         Any other of ``wvr.integrators``, instead of a tolerance.
+    lighting
+        A :class:`Lighting`: light on what is emitted, by default none. A tolerance then holds for opacity and for the
+        image without light; with light, colours converge as it decreases.
     background
         What display and PNG files put behind the volume: a colour name, ``"#rrggbb"`` or three linear numbers.
     precision
@@ -461,6 +530,7 @@ def render(
         transfer_function,
         integrator=integrator,
         tolerance=tolerance,
+        lighting=lighting,
         precision=precision,
         device=device,
         termination=termination,
@@ -501,7 +571,7 @@ def _tracer(
 
     def trace(x: int, y: int) -> NDArray[np.void]:
         traced = make_scene(variant)()
-        for name in ("view", "steps", "field", "transfer", "empty", "table", "distance"):
+        for name in ("view", "steps", "field", "transfer", "empty", "table", "distance", "shading", "lights"):
             setattr(traced, name, getattr(scene, name))
         traced.trace = wp.zeros(int(count[y, x]), dtype=Step, device=device)
         rgba = wp.empty(count.shape, dtype=vec4_of(REALS[variant.precision]), device=device)

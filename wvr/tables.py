@@ -11,7 +11,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .kernels.importance import vec8d
-from .kernels.precision import REALS, vec4_of
+from .kernels.precision import REALS, vec3_of, vec4_of
 from .kernels.segment import gauss_nodes
 from .kernels.table import make_approximate, make_generators, make_pieces, make_stretchable, make_table
 from .kernels.transfer import make_transfer
@@ -28,10 +28,24 @@ def transfer_values(tf: TransferFunction, unit: float) -> NDArray[np.float64]:
     return np.concatenate([tf.colors, tf.knot_extinctions(unit)[:, None] * unit], axis=1)
 
 
+def transfer_factors(tf: TransferFunction) -> NDArray[np.float64]:
+    """(ambient, diffuse, specular) coefficients at the knots, 1 where there are none."""
+    given = (tf.ambient, tf.diffuse, tf.specular)
+    return np.column_stack([np.ones(len(tf.knots)) if factor is None else factor for factor in given])
+
+
 def transfer_arrays(
-    scalars: NDArray[np.float64], values: NDArray[np.float64], shift: float, precision: str, device: wp.Device
+    scalars: NDArray[np.float64],
+    values: NDArray[np.float64],
+    shift: float,
+    precision: str,
+    device: wp.Device,
+    factors: NDArray[np.float64] | None = None,
 ) -> Any:
-    """The struct of ``kernels.transfer``, of control points (n,) and what they have (n, 4); scalars minus ``shift``."""
+    """The struct of ``kernels.transfer``, of control points (n,) and what they have (n, 4); scalars minus ``shift``.
+
+    Where light is, with their ``transfer_factors``.
+    """
     real = REALS[precision]
     Transfer, _, _ = make_transfer(real)
     numpy_real = np.dtype(precision)
@@ -39,7 +53,13 @@ def transfer_arrays(
     n = len(knots)
     widths = np.diff(scalars)
     # A jump is an interval without width: nothing is ever in it.
-    slopes = np.diff(values, axis=0) / np.where(widths > 0, widths, 1.0)[:, None]
+    steps = np.where(widths > 0, widths, 1.0)[:, None]
+
+    def values_and_slopes(values: NDArray[np.float64]) -> list[NDArray]:
+        flat = np.zeros((1, values.shape[1]))
+        slopes = np.concatenate([flat, np.diff(values, axis=0) / steps, flat])
+        return [np.ascontiguousarray(a, numpy_real) for a in (np.concatenate([values[:1], values]), slopes)]
+
     first, last = scalars[0], scalars[-1]
     bins = int(np.clip(8 * n, 512, 8192)) if last > first else 1
     scale = bins / (last - first) if last > first else 1.0
@@ -52,8 +72,13 @@ def transfer_arrays(
 
     transfer = Transfer()
     transfer.knot = wp.array(np.concatenate([knots[:1], knots]), dtype=real, device=device)
-    transfer.value = _vec4(np.concatenate([values[:1], values]), real, device)
-    transfer.slope = _vec4(np.concatenate([np.zeros((1, 4)), slopes, np.zeros((1, 4))]), real, device)
+    transfer.value, transfer.slope = (
+        wp.array(a, dtype=vec4_of(real), device=device) for a in values_and_slopes(values)
+    )
+    if factors is not None:
+        transfer.factor, transfer.factor_slope = (
+            wp.array(a, dtype=vec3_of(real), device=device) for a in values_and_slopes(factors)
+        )
     transfer.visible = wp.array(_next_visible(values[:, 3]), dtype=int, device=device)
     transfer.bins = wp.array(np.stack([begin, end], axis=1).astype(np.int32), dtype=wp.vec2i, device=device)
     transfer.low = first - shift
@@ -106,7 +131,7 @@ def table_array(
     generator: str,
     precision: str,
     device: wp.Device,
-) -> wp.array:
+) -> tuple[wp.array]:
     """The (n, n) table of segments of ``length`` units on the device, extinction per ``unit`` of world length.
 
     ``generator="stretchable"``: of mean emission and extinction, for segments of any length; colours are those of
@@ -115,21 +140,38 @@ def table_array(
     cut = _Cut(tf, n, domain, unit)
     colors = cut.colors(None)
     if generator != "stretchable":
-        return _generate(colors, cut, length, generator, None, precision, device)[0]
+        return (_generate(colors, cut, length, generator, None, precision, device)[0],)
     table = _generate(colors, cut, length, "incremental", None, precision, device)[0]
     real = REALS[precision]
     inputs = [wp.array(cut.running(), dtype=wp.vec4d, device=device), cut.pieces(colors, real, device).value, table]
     launch(make_stretchable(real), n * n, inputs, device, grain=n)
-    return table
+    return (table,)
 
 
-def table_struct(rgba: wp.array, domain: tuple[float, float], shift: float, precision: str) -> Any:
+def lit_tables(
+    tf: TransferFunction,
+    n: int,
+    length: float,
+    unit: float,
+    domain: tuple[float, float],
+    generator: str,
+    precision: str,
+    device: wp.Device,
+) -> tuple[wp.array, wp.array, wp.array]:
+    """The (n, n) table of ambient colour and opacity, and the front- and back-weighted ones."""
+    tables = _tables(tf, _Cut(tf, n, domain, unit), length, generator, "lighting", precision, device)
+    ambient = tables.get("ambient", tables["rgba"])
+    return tuple(_vec4(table, REALS[precision], device) for table in (ambient, tables["front"], tables["back"]))
+
+
+def table_struct(tables: Sequence[wp.array], domain: tuple[float, float], shift: float, precision: str) -> Any:
     """The struct of ``kernels.table`` for look-ups of scalars minus ``shift``."""
     Table, _ = make_table(REALS[precision])
     table = Table()
-    table.rgba = rgba
+    for name, entries in zip(("rgba", "front", "back"), tables, strict=False):
+        setattr(table, name, entries)
     table.low = domain[0] - shift
-    table.scale = (rgba.shape[0] - 1) / (domain[1] - domain[0])
+    table.scale = (table.rgba.shape[0] - 1) / (domain[1] - domain[0])
     return table
 
 
