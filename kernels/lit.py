@@ -2,7 +2,7 @@
 
 The modes are those of Lum, Wilson and Ma (2004), section 3, and what they are compared with. What a table says of a
 segment is lit by the intensities at its ends with its front- and back-weighted integrals ("interpolated"), by their
-mean ("average", Roettger et al. 2003), or by that of the mean gradient ("center"). "isosurface" goes from control point
+mean ("average", Roettger et al. 2003), or by that of the mean normal ("center"). "isosurface" goes from control point
 to control point and lights each stretch at its denser end, the crossing of a peak; "closest-isosurface" lights all of
 them as the first. "supersampled" interpolates over several parts, each with its own gradients.
 """
@@ -14,7 +14,7 @@ import warp as wp
 from .precision import REALS, vec3_of, vec4_of
 from .scene import make_scene
 from .segment import make_shares, over, widened
-from .shading import intensity_of, make_shading
+from .shading import intensity_of, make_shading, make_shine
 from .table import make_bilinear
 from .transfer import make_transfer
 
@@ -36,12 +36,14 @@ def make_lit(variant):
     _, place, between = make_bilinear(real)
     shares = make_shares(real)
     _, gradient, light, _, factors = make_shading(variant)
+    surface, shine = make_shine(variant)
 
     @wp.func
     def ends(scene: Scene, origin: vec3, direction: vec3, t: real, eye: vec3):
         g = gradient(scene, origin + t * direction)
         if wp.static(mode == "center"):
-            return Intensity(g[0], g[1], g[2], real(0.0), real(0.0), real(0.0))
+            normal, clear = surface(scene, g)
+            return Intensity(normal[0], normal[1], normal[2], clear, real(0.0), real(0.0))
         return light(scene, g, eye)
 
     @wp.func
@@ -141,7 +143,7 @@ def make_lit(variant):
         J = stop
         if wp.static(mode == "center"):
             m = real(0.5) * (start + stop)
-            I = light(scene, vec3(m[0], m[1], m[2]), eye)
+            I = shine(scene, wp.normalize(vec3(m[0], m[1], m[2])), m[3], eye)
             J = I
         elif wp.static(mode == "average"):
             I = real(0.5) * (start + stop)

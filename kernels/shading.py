@@ -22,6 +22,49 @@ def intensity_of(real):
 
 
 @cache
+def make_shine(variant):
+    """``surface(scene, gradient)`` -> unit normal and how clear it is, 0 to 1; ``shine(scene, normal, clear, eye)`` ->
+    intensity.
+    """
+    real = REALS[variant.precision]
+    vec3 = vec3_of(real)
+    Intensity = intensity_of(real)
+    Scene = make_scene(variant)
+
+    @wp.func
+    def surface(scene: Scene, g: vec3):
+        square = wp.dot(g, g)
+        normal = vec3()
+        if square > real(0.0):
+            normal = g / wp.sqrt(square)
+        return normal, square / (square + real(scene.shading.faint))
+
+    @wp.func
+    def shine(scene: Scene, normal: vec3, clear: real, eye: vec3):
+        I = Intensity()
+        for l in range(scene.lights.shape[0]):
+            toward = eye
+            here = scene.lights[wp.max(l, 0)]
+            if not here.headlight:
+                toward = vec3(real(here.toward[0]), real(here.toward[1]), real(here.toward[2]))
+            diffuse = clear * wp.abs(wp.dot(normal, toward)) + (real(1.0) - clear)
+            specular = real(0.0)
+            half = wp.normalize(toward + eye)
+            glance = wp.abs(wp.dot(normal, half))
+            if glance > real(0.0):
+                specular = clear * wp.pow(glance, real(scene.shading.shininess))
+            for c in range(3):
+                I[c] += real(here.color[c]) * diffuse
+                I[c + 3] += real(here.color[c]) * specular
+        for c in range(3):
+            I[c] *= real(scene.shading.diffuse)
+            I[c + 3] *= real(scene.shading.specular)
+        return I
+
+    return surface, shine
+
+
+@cache
 def make_shading(variant):
     """``eye(scene, direction)`` -> unit vector towards the viewer; ``gradient(scene, p)`` and
     ``light(scene, gradient, eye)`` -> intensity; ``lit(scene, q, k, s, I)`` -> colour and extinction q at scalar s of
@@ -34,6 +77,7 @@ def make_shading(variant):
     Scene = make_scene(variant)
     _, value = make_field(variant.dtype, real)
     mat33 = wp.mat33d if real is wp.float64 else wp.mat33
+    surface, shine = make_shine(variant)
 
     @wp.func
     def eye(scene: Scene, direction: vec3):
@@ -68,30 +112,8 @@ def make_shading(variant):
 
     @wp.func
     def light(scene: Scene, g: vec3, eye: vec3):
-        square = wp.dot(g, g)
-        clear = square / (square + real(scene.shading.faint))
-        normal = vec3()
-        if square > real(0.0):
-            normal = g / wp.sqrt(square)
-        I = Intensity()
-        for l in range(scene.lights.shape[0]):
-            toward = eye
-            here = scene.lights[wp.max(l, 0)]
-            if not here.headlight:
-                toward = vec3(real(here.toward[0]), real(here.toward[1]), real(here.toward[2]))
-            diffuse = clear * wp.abs(wp.dot(normal, toward)) + (real(1.0) - clear)
-            specular = real(0.0)
-            half = wp.normalize(toward + eye)
-            glance = wp.abs(wp.dot(normal, half))
-            if glance > real(0.0):
-                specular = clear * wp.pow(glance, real(scene.shading.shininess))
-            for c in range(3):
-                I[c] += real(here.color[c]) * diffuse
-                I[c + 3] += real(here.color[c]) * specular
-        for c in range(3):
-            I[c] *= real(scene.shading.diffuse)
-            I[c + 3] *= real(scene.shading.specular)
-        return I
+        normal, clear = surface(scene, g)
+        return shine(scene, normal, clear, eye)
 
     @wp.func
     def factors(scene: Scene, k: int, s: real):

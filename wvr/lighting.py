@@ -30,7 +30,7 @@ class Lighting:
         How a pre-integrated segment is lit, the scalar in it taken to be linear (Lum, Wilson and Ma 2004, section 3):
 
         - ``"interpolated"``: by the light at its ends, weighted by where in the segment the emission is;
-        - ``"center"``: by that of the mean of the ends' gradients, the usual way;
+        - ``"center"``: by that of the mean of the ends' normals, the usual way;
         - ``"average"``: by the mean of that at its ends;
         - ``"isosurface"``: the gradient where the scalar crosses each peak of the transfer function, in order;
         - ``"closest-isosurface"``: that of the first, for all of the segment, which is wrong behind it;
