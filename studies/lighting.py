@@ -87,20 +87,20 @@ def scenes(quick: bool) -> dict[str, Scene]:
     sphere = wvr.Volume((255 * np.clip(1 - radius, 0, 1)).astype(np.float32))
     made = [
         Scene("sphere", sphere, spikes([60, 120, 180], three, 0.4), wvr.Camera.fit(sphere, direction=(1, 0.6, 0.4))),
-        scene("engine", "engine", "spheres", spikes([130, 210], ["tab:gray", "tab:orange"], 0.5), (1, 0.6, 0.5)),
+        scene("engine", "engine", "spheres", spikes([130, 210], ["tab:gray", "tab:orange"], 0.8), (1, 0.6, 0.5)),
         scene(
             "bonsai",
             "bonsai",
             "blobs",
-            spikes([50, 90, 150], ["tab:green", "tab:orange", "tab:brown"], 0.5),
+            spikes([50, 90, 150], ["tab:green", "tab:orange", "tab:brown"], 0.8, 6.0),
             (1, 0.3, 0.5),
             (0, 1, 0),
         ),
-        scene("bucky", "bucky", "spheres", spikes([80, 140, 200], three, 0.3), (1, 0.7, 0.5)),
+        scene("bucky", "bucky", "spheres", spikes([80, 140, 200], three, 0.8, 8.0), (1, 0.7, 0.5)),
         scene(
             "skull", "cthead", "spheres", spikes([600, 1300], ["peru", "ivory"], 0.6, 60.0), (0.4, -1, -0.2), (0, 0, -1)
         ),
-        scene("vortex", None, "turbulence", spikes([90, 130, 170], three, 0.4), (1, 0.6, 0.4)),
+        scene("vortex", None, "turbulence", spikes([90, 130, 170], three, 0.8, 4.0), (1, 0.6, 0.4)),
     ]
     return {one.name: one for one in made}
 
@@ -187,14 +187,16 @@ def table2(folder: Path, made: dict[str, Scene], size: int) -> None:
     write_rows(folder, "table2", title, rows)
 
 
-def panels(
-    folder: Path, name: str, images: dict[str, tuple[wvr.Image, str]], crop: tuple[slice, slice] | None = None
-) -> None:
-    """Images side by side with what is said of each."""
-    figure = Figure(figsize=(3.1 * len(images), 3.5), layout="constrained")
+def panels(folder: Path, name: str, images: dict[str, tuple[wvr.Image, str]], zoom: int = 1) -> None:
+    """Images side by side, cut to what there is to see or the middle of it, with what is said of each."""
+    seen = np.argwhere(next(iter(images.values()))[0].rgba[..., 3] > 0)
+    low, high = seen.min(axis=0), seen.max(axis=0) + 1
+    middle, half = (low + high) // 2, int((high - low).max() // (2 * zoom)) + 2
+    figure = Figure(figsize=(3.1 * len(images), 3.7), layout="constrained")
     for axes, (title, (image, said)) in zip(np.ravel(figure.subplots(1, len(images))), images.items(), strict=True):
-        pixels: NDArray = linear_to_srgb(np.clip(image.rgba[..., :3] + 1 - image.rgba[..., 3:], 0, 1))
-        axes.imshow(pixels if crop is None else pixels[crop], interpolation="nearest")
+        pixels: NDArray = linear_to_srgb(np.clip(image.rgba[..., :3], 0, 1))
+        rows, columns = (slice(max(m - half, 0), m + half) for m in middle)
+        axes.imshow(pixels[rows, columns], interpolation="nearest")
         axes.set_title(f"{title}\n{said}", fontsize="small")
         axes.axis("off")
     save_figure(figure, folder / name)
@@ -209,9 +211,7 @@ def lit_panels(folder: Path, figure: str, scene: Scene, shown: tuple[str, ...], 
         image = scene.render(renderer, mode, size)
         images[mode] = image, "mean error {:.1e}, max {:.2f}".format(*color_error(image, truth))
     images["32 parts"] = truth, "reference"
-    half = size // (2 * zoom)
-    middle = slice(size // 2 - half, size // 2 + half)
-    panels(folder, figure, images, (middle, middle))
+    panels(folder, figure, images, zoom)
 
 
 def discontinuities(folder: Path, size: int) -> None:
@@ -219,8 +219,9 @@ def discontinuities(folder: Path, size: int) -> None:
     n = 64
     x = np.linspace(-1, 1, n)
     radius = np.sqrt(sum(np.square(a) for a in np.meshgrid(x, x, x)))
-    volume = wvr.Volume((255 * np.clip(1 - radius, 0, 1)).astype(np.float32))
-    tf = spikes([100, 104, 108], ["tab:red", "tab:green", "tab:blue"], 0.5, 1.0)
+    # Clipped to where the surfaces are, so that the table is dense there.
+    volume = wvr.Volume(np.clip(255 * (1 - radius), 96, 112).astype(np.float32))
+    tf = spikes([100, 104, 108], ["tab:red", "tab:green", "tab:blue"], 0.9, 1.0)
     scene = Scene("nested", volume, tf, wvr.Camera.fit(volume, direction=(1, 0.6, 0.4)))
     renderer = scene.renderer(2.0, 4)
     truth = scene.render(renderer, "supersampled", size)
@@ -259,7 +260,7 @@ def main(*arguments: str) -> None:
     """Run all parts; ``--quick`` is small."""
     quick = "--quick" in arguments
     folder = output("lum2004")
-    size = 48 if quick else 256
+    size = 48 if quick else 384
     made = scenes(quick)
     modes(folder, made, size, 2 if quick else 8)
     table2(folder, made, 64 if quick else 512)

@@ -236,6 +236,23 @@ def test_isosurfaces_in_order():
     assert error["closest-isosurface"] > 2 * error["isosurface"]
 
 
+def test_nested_surfaces_show_no_jumps():
+    """Second differences along a scan line: interpolated light jumps no more than light at the surfaces themselves."""
+    volume = wvr.Volume(np.clip(sphere(48).numpy(), 52, 68), (200 / 47,) * 3, (-100,) * 3)
+    tf = wvr.TransferFunction.isosurfaces([56, 60, 64], colors=["red", "lime", "blue"], opacity=0.9, width=1.0)
+    camera = wvr.Camera.fit(volume, direction=(1, 0.3, 0.2))
+    renderer = wvr.Renderer(volume, tf, integrator=wvr.Preintegrated(2.0, table_size=1024), termination=0)
+
+    def line(mode):
+        renderer.lighting = wvr.Lighting(mode, wvr.DirectionalLight((1, 1, 1)), supersample=32)
+        return renderer.render(camera, (192, 192)).rgba[96, :, :3]
+
+    truth = line("supersampled")
+    jump = {mode: np.abs(np.diff(line(mode) - truth, 2, axis=0)).max() for mode in ("center", *MODES[2:4])}
+    assert jump["interpolated"] <= jump["isosurface"]
+    assert jump["interpolated"] < 0.5 * jump["center"]
+
+
 @pytest.mark.parametrize("gradient", ["central", "cell"])
 def test_absent_data_are_not_lit(gradient):
     data = wvr.datasets.load("blobs", 16).numpy().astype(np.float32)
