@@ -5,7 +5,9 @@ from functools import cache
 
 import warp as wp
 
+from .clip import make_clipping
 from .field import make_field
+from .label import make_labels
 from .precision import REALS
 from .ray import View
 from .table import make_table
@@ -22,6 +24,16 @@ class Variant:
     finite: bool  # no sample is NaN or infinite
     skip: bool = False  # leap over empty blocks
     traced: bool = False  # the steps of a ray are written down, by a march that has them
+    clips: type | None = None  # there are clips; of the clip volumes' samples, uint8 where there are shapes only
+    exact: bool = False  # clips cut the ray
+    naive: bool = False  # clips leave out samples
+    parts: str | None = None  # clips cut segments, as ``partial`` does
+    labels: type | None = None  # of the states as they are stored, where labels say which transfer function holds
+
+    @property
+    def cut(self) -> bool:
+        """Whether a ray is marched in stretches."""
+        return self.exact or self.labels is not None
 
 
 @wp.struct
@@ -59,6 +71,8 @@ def make_scene(variant):
     Field, _ = make_field(variant.dtype, real)
     Transfer, _, _ = make_transfer(real)
     Table, _ = make_table(real)
+    _, Clipping = make_clipping(variant.clips or wp.uint8)
+    Labels = make_labels(variant.labels or wp.uint8, variant.precision)
     vec2 = wp.vec2d if real is wp.float64 else wp.vec2
 
     @wp.struct
@@ -74,6 +88,8 @@ def make_scene(variant):
         table: Table
         nodes: wp.array(dtype=vec2)  # of ``segment.gauss_nodes``
         distance: wp.array3d(dtype=wp.float32)  # [z, y, x] of blocks, as of ``importance``
+        clipping: Clipping
+        labels: Labels
 
     @wp.struct
     class TracedScene:
@@ -84,6 +100,11 @@ def make_scene(variant):
         empty: wp.array3d(dtype=wp.uint8)
         table: Table
         distance: wp.array3d(dtype=wp.float32)
+        clipping: Clipping
+        labels: Labels
         trace: wp.array(dtype=Step)
+        taken: int  # steps in stretches of the ray before this one
+        start: wp.float64  # where this one begins
+        front: wp.vec4d  # composite of those before
 
     return TracedScene if variant.traced else Scene

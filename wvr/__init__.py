@@ -2,12 +2,14 @@
 
 from . import datasets, presets
 from .camera import Camera
+from .clipping import ClipBox, ClipPlane, ClipSphere, ClipVolume
 from .compare import Comparison, compare
 from .image import Image
 from .integrators import AdaptivePreintegrated, AdaptiveSimpson, Certified, Exact, Preintegrated, Riemann, Simpson
 from .io import read, read_raw
 from .launch import get_num_threads, set_num_threads
 from .renderer import Renderer, render
+from .segmentation import Segmentation
 from .tables import Table, preintegrate
 from .transfer_function import TransferFunction
 from .volume import Volume
@@ -17,12 +19,17 @@ __all__ = [
     "AdaptiveSimpson",
     "Camera",
     "Certified",
+    "ClipBox",
+    "ClipPlane",
+    "ClipSphere",
+    "ClipVolume",
     "Comparison",
     "Exact",
     "Image",
     "Preintegrated",
     "Renderer",
     "Riemann",
+    "Segmentation",
     "Simpson",
     "Table",
     "TransferFunction",
