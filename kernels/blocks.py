@@ -145,8 +145,8 @@ def make_mask_of(dtype):
 
 @cache
 def make_visible(real):
-    """``visible(tf, low, high, shift)`` -> (first, last): of the samples low to high, nothing is visible up to first nor
-    from last on.
+    """``visible(tf, low, high, shift)`` -> (first, last): of samples from low to high, those up to first have no
+    extinction, nor have those from last on.
     """
     Transfer, interval, _ = make_transfer(real)
 

@@ -16,7 +16,7 @@ from .importance import BLOCK, unravel
 from .precision import REALS
 from .table import make_table
 from .transfer import make_transfer, make_transparent
-from .walk import AHEAD, FAR, cell_at, entering, leaving
+from .walk import AHEAD, cell_at, entering, leaving
 
 vec8i = wp.types.vector(8, int)
 

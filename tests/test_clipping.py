@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import wvr
-
 from studies.reference import trilinear
 
 from .conftest import max_error
@@ -107,7 +106,7 @@ def test_plane_through_a_homogeneous_block(device, integrator, seed):
     camera = wvr.Camera.fit(volume, rng.normal(size=3), rng.normal(size=3), parallel=seed % 2 == 0)
     options = {"integrator": integrator, "precision": "float64", "device": device}
     expected = assert_depth(volume, [plane], camera, **options)
-    assert 0 < np.count_nonzero(expected) and expected.max() > 0.2
+    assert np.count_nonzero(expected) > 0 and expected.max() > 0.2
     # The default precision has samples, not sums, in float32.
     assert_depth(volume, [plane], camera, integrator=integrator, atol=1e-6, device=device)
 
@@ -439,7 +438,11 @@ def test_a_new_plane_rebuilds_nothing(blobs, device):
         (lambda: wvr.ClipSphere((0, 0, 0), 0), ValueError, "radius must be finite and > 0, got 0"),
         (lambda: wvr.ClipSphere((0, 0, 0), float("nan")), ValueError, "radius must be finite and > 0, got nan"),
         (lambda: wvr.ClipSphere("here", 1), ValueError, "center must be three numbers"),
-        (lambda: wvr.ClipVolume(np.zeros((2, 2, 2))), TypeError, "volume of a ClipVolume must be a Volume, got ndarray"),
+        (
+            lambda: wvr.ClipVolume(np.zeros((2, 2, 2))),
+            TypeError,
+            "volume of a ClipVolume must be a Volume, got ndarray",
+        ),
         (lambda: wvr.ClipVolume(ramp(np.ones(3), 0), np.nan), ValueError, "iso must be a finite number, got nan"),
         (lambda: wvr.ClipVolume(ramp(np.ones(3), 0), parts="half"), ValueError, "parts must be one of None, 'first-o"),
         (

@@ -7,7 +7,7 @@ way that leaves slices: whole samples are dropped.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -197,10 +197,9 @@ Clip = Shape | ClipVolume
 KINDS = (ClipPlane, ClipBox, ClipSphere, ClipVolume)
 
 
-
 def clip_list(clip: object) -> list[Clip]:
     """None, a clip or several of them as a list."""
-    clips = [] if clip is None else list(clip) if isinstance(clip, list | tuple) else [clip]
+    clips: list[Any] = [] if clip is None else list(clip) if isinstance(clip, list | tuple) else [clip]
     for one in clips:
         if not isinstance(one, KINDS):
             names = ", ".join(kind.__name__ for kind in KINDS)

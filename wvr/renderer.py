@@ -411,7 +411,7 @@ class Renderer:
             return before, masks, *self._seen_box(before.numpy() > int(small.EMPTY))
 
         extents = self._keep("extents", (self.volume, device.alias), build_extents)
-        key = (*self._kept["simplified"], self.volume, *self._kept.get("blocks", ()))
+        key = (*self._kept["simplified"], self.volume, self.segmentation)
         return self._keep("kinds", key, build)
 
     def _seen_box(self, seen: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -460,7 +460,7 @@ class Renderer:
 
             return work
 
-        def placed(struct: Any, world_to: NDArray[np.float64]) -> Any:
+        def placed(struct: Any, clip: Clip, world_to: NDArray[np.floating]) -> Any:
             to_world = self.volume.index_to_world
             struct.invert = clip.invert
             struct.matrix = wp.mat33d(*(world_to[:3, :3] @ to_world[:3, :3]).ravel())
@@ -474,7 +474,7 @@ class Renderer:
         groups: dict[str, list[Any]] = {}
         for clip in clips:
             if isinstance(clip, ClipVolume):
-                struct = placed(ClipStruct(), np.linalg.inv(clip.volume.index_to_world))
+                struct = placed(ClipStruct(), clip, np.linalg.inv(clip.volume.index_to_world))
                 data, struct.ranges = kept[clip.volume, dtype, device.alias]
                 struct.field.data = data
                 struct.field.last = wp.vec3i(*(n - 2 for n in reversed(data.shape)))
@@ -482,7 +482,7 @@ class Renderer:
                 struct.low, struct.high = (wp.vec3d(*corner) for corner in clip.volume.index_box)
                 name = "partial_volumes" if clip.parts else "naive_volumes" if clip.naive else "volumes"
             else:
-                struct = placed(ClipShape(), clip.world_to_shape)
+                struct = placed(ClipShape(), clip, clip.world_to_shape)
                 struct.kind = clip.kind
                 name = "naive_shapes" if clip.naive else "shapes"
             groups.setdefault(name, []).append(struct)
@@ -498,7 +498,7 @@ class Renderer:
         """Into the scene: states, what blocks of them hold, and the states' transfer functions and tables."""
         assert self.segmentation is not None
         segmentation, labels = self.segmentation, scene.labels
-        functions, states = segmentation.states
+        states = segmentation.states[1]
 
         def build_states() -> wp.array:
             return Volume(states[segmentation.labels.numpy()]).on(device)
@@ -554,7 +554,7 @@ class Renderer:
         tolerance = self.integrator.steps["tolerance"]
         ranges = self._ranges(variant, device)
         bends = self._keep("bends", (self.volume, device.alias), build_bends)
-        key = (*self._kept["transfer"], self.volume, tolerance, *self._kept.get("blocks", ()))
+        key = (*self._kept["transfer"], self.volume, tolerance, self.segmentation)
         return self._keep("distances", key, build)
 
     def _tables(self, precision: str, shift: float, device: wp.Device) -> list[Any]:

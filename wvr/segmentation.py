@@ -59,7 +59,7 @@ class Segmentation:
             raise TypeError(f"other must be a TransferFunction or None, got {other!r}")
         most = np.iinfo(self.labels.dtype).max
         for label, tf in transfer_functions.items():
-            if isinstance(label, bool) or int(label) != label or not 0 <= label <= most:
+            if not isinstance(label, int | np.integer) or isinstance(label, bool) or not 0 <= label <= most:
                 raise ValueError(
                     f"transfer_functions must be by label, an integer from 0 to {most} for {self.labels.dtype}, "
                     f"got {label!r}"
@@ -78,8 +78,7 @@ class Segmentation:
 
     @cached_property
     def states(self) -> tuple[list[TransferFunction], NDArray[np.unsignedinteger]]:
-        """The different transfer functions, and for each label the index of its own; transparent is one past the last.
-        """
+        """The different transfer functions, and the index of each label's own; one past the last is transparent."""
         number = np.iinfo(self.labels.dtype).max + 1
         functions: dict[bytes, TransferFunction] = {tf.key: tf for tf in self.transfer_functions.values()}
         if self.other is not None and len(self.transfer_functions) < number:
