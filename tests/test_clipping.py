@@ -179,7 +179,7 @@ def test_a_sphere_far_from_the_origin(device):
     """A world at 1e6: geometry is relative to the volume before it is float64 arithmetic along a ray."""
     far = np.array([1e6, -2e6, 3e6])
     volume = wvr.Volume(np.full((9, 9, 9), 100, np.uint8), origin=far - 4)
-    camera = wvr.Camera(far + (0.1, 0.2, 10), far, up=(0, 1, 0), parallel_scale=4)
+    camera = wvr.Camera(far + np.array([0.1, 0.2, 10]), far, up=(0, 1, 0), parallel_scale=4)
     assert_depth(volume, [wvr.ClipSphere(far, 2.5)], camera, atol=2e-7, device=device)
 
 

@@ -319,3 +319,18 @@ def test_any_array_of_labels(blobs):
         for given in (labels, labels.astype(">u2"), np.asfortranarray(labels), frozen, wvr.Volume(labels))
     ]
     assert all(np.array_equal(image, images[0]) for image in images[1:]) and images[0].any()
+
+
+def test_a_scene_without_labels_again(blobs):
+    """One transfer function with labels and without: what is kept for one is not taken for the other."""
+    labels = layers(blobs.shape, np.array([1.0, 0, 0]), 15.5)
+    camera = wvr.Camera.fit(blobs)
+    for integrator in (wvr.Certified(1e-3), wvr.AdaptivePreintegrated(1e-3), wvr.Exact()):
+        renderer = wvr.Renderer(
+            blobs, SMOOTH, integrator=integrator, segmentation=wvr.Segmentation(labels, {1: SMOOTH})
+        )
+        half = renderer.render(camera, (16, 16))
+        renderer.segmentation = None
+        whole = renderer.render(camera, (16, 16))
+        again = wvr.render(blobs, SMOOTH, camera, (16, 16), integrator=integrator)
+        assert np.array_equal(whole.rgba, again.rgba) and not np.array_equal(whole.rgba, half.rgba)
