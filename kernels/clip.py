@@ -227,3 +227,83 @@ def make_shown(dtype):
         return True
 
     return shown
+
+
+@cache
+def make_cut_normal(dtype):
+    """``cut_normal(clipping, to_index, p)``: of the surface that a ray is cut by at point p, the unit normal in the
+    world, towards what is cut away; zero without any clip. ``to_index`` is that of ``ray.View``.
+    """
+    ClipVolume, Clipping = make_clipping(dtype)
+    _, corners = make_corners(dtype)
+
+    @wp.func
+    def gradient(clip: ClipVolume, q: wp.vec3d):
+        cell = cell_at(clip.field.last, q)
+        c = corners(clip.field, cell[0], cell[1], cell[2])
+        local = q - wp.vec3d(wp.float64(cell[0]), wp.float64(cell[1]), wp.float64(cell[2]))
+        zero = wp.float64(0.0)
+        one = wp.float64(1.0)
+        x = cubic(c, local, wp.vec3d(one, zero, zero))
+        y = cubic(c, local, wp.vec3d(zero, one, zero))
+        z = cubic(c, local, wp.vec3d(zero, zero, one))
+        return x[0] - clip.iso, wp.vec3d(x[1], y[1], z[1])
+
+    @wp.func
+    def nearest_face(low: wp.vec3d, high: wp.vec3d, q: wp.vec3d):
+        """Level and gradient of the nearest of a box's six faces; the level is positive inside."""
+        level = FAR
+        slope = wp.vec3d()
+        for a in range(3):
+            below = q[a] - low[a]
+            above = high[a] - q[a]
+            if wp.min(below, above) < level:
+                level = wp.min(below, above)
+                slope = wp.vec3d()
+                slope[a] = wp.where(below < above, wp.float64(1.0), -wp.float64(1.0))
+        return level, slope
+
+    @wp.func
+    def nearer(
+        distance: wp.float64,
+        normal: wp.vec3d,
+        level: wp.float64,
+        slope: wp.vec3d,
+        to_index: wp.mat33d,
+        matrix: wp.mat33d,
+        invert: bool,
+    ):
+        """Distance and normal of the surface where a level is zero, if that is nearer than another surface."""
+        world = wp.transpose(matrix @ to_index) @ slope
+        steep = wp.length(world)
+        if steep > wp.float64(0.0) and wp.abs(level) < distance * steep:
+            return wp.abs(level) / steep, wp.where(invert, world, -world) / steep
+        return distance, normal
+
+    @wp.func
+    def cut_normal(clipping: Clipping, to_index: wp.mat33d, p: wp.vec3d):
+        distance = FAR
+        normal = wp.vec3d()
+        one = wp.vec3d(wp.float64(1.0), wp.float64(1.0), wp.float64(1.0))
+        for n in range(clipping.shapes.shape[0]):
+            clip = clipping.shapes[n]
+            q = clip.matrix @ p + clip.offset
+            level = q[0]
+            slope = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
+            if clip.kind == SPHERE:
+                level = wp.float64(1.0) - wp.length(q)
+                slope = -wp.normalize(q)
+            elif clip.kind == BOX:
+                level, slope = nearest_face(-one, one, q)
+            distance, normal = nearer(distance, normal, level, slope, to_index, clip.matrix, clip.invert)
+        for n in range(clipping.volumes.shape[0]):
+            volume = clipping.volumes[n]
+            q = volume.matrix @ p + volume.offset
+            level, slope = gradient(volume, q)
+            distance, normal = nearer(distance, normal, level, slope, to_index, volume.matrix, volume.invert)
+            # Its own box cuts too.
+            level, slope = nearest_face(volume.low, volume.high, q)
+            distance, normal = nearer(distance, normal, level, slope, to_index, volume.matrix, volume.invert)
+        return normal
+
+    return cut_normal
