@@ -530,7 +530,7 @@ def test_cut_normals():
     center, rng = middle(volume), np.random.default_rng(1)
     normal = np.array([0.48, -0.64, 0.6])
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    k, j, i = np.indices((9, 9, 9)) - 4.0
+    k, _, i = np.indices((9, 9, 9)) - 4.0
     ramp = wvr.Volume(3 * i + 4 * k, (1.0, 1.2, 1.0), center - turn @ (4.0, 4.8, 4.0), turn)
     outwards = rng.normal(size=3)
     outwards /= np.linalg.norm(outwards)
