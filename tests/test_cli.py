@@ -98,10 +98,25 @@ def test_every_option_arrives(run, rendered, monkeypatch):
     assert threads == [3] and rendered["volume"].shape == (SIZE,) * 3
 
 
+def test_clips(run, rendered):
+    render_spheres(
+        run,
+        *["--clip-plane", "1,2,3,0,0,-1", "--clip-box", "-1,-2,-3,4,5,6"],
+        *["--clip-sphere", "1,1,1,2.5", "--clip-plane", "-1,0,0,1,0,0"],
+    )
+    assert rendered["clip"] == [
+        wvr.ClipPlane((1, 2, 3), (0, 0, -1)),
+        wvr.ClipPlane((-1, 0, 0), (1, 0, 0)),
+        wvr.ClipBox((-1, -2, -3), (4, 5, 6)),
+        wvr.ClipSphere((1, 1, 1), 2.5),
+    ]
+
+
 def test_what_is_not_given_is_left_to_the_api(run, rendered):
     render_spheres(run)
     assert rendered["size"] == (512, 512) and rendered["precision"] == "auto"
     assert [rendered[name] for name in ("integrator", "lighting", "device", "termination")] == [None] * 4
+    assert not rendered["clip"]
 
 
 @pytest.mark.parametrize(
@@ -271,6 +286,10 @@ def test_the_background_is_in_png_files(run, rendered):
         ("render spheres --view-angle 180", 2, "view_angle"),
         ("render spheres --background nocolour", 2, "background"),
         ("render spheres --termination 1", 2, "termination"),
+        ("render spheres --clip-plane 1,2,3", 2, "--clip-plane must be numbers such as 64,64,64,0,0,1, got '1,2,3'"),
+        ("render spheres --clip-plane 1,2,3,0,0,0", 2, "normal must not be zero"),
+        ("render spheres --clip-box 1,1,1,0,2,2", 2, "lo must be below hi"),
+        ("render spheres --clip-sphere 1,1,1,-1", 2, "radius must be finite and > 0"),
         ("render spheres --device cuda:99", 2, "device"),
         ("render spheres -o a.jpg", 2, "--output must end in .png, .exr"),
         ("render spheres -o nowhere/a.png", 1, "--output must be in a folder that exists"),

@@ -2,6 +2,7 @@
 
 from . import datasets, presets
 from .camera import Camera
+from .clipping import ClipBox, ClipPlane, ClipSphere, ClipVolume
 from .compare import Comparison, compare
 from .image import Image
 from .integrators import AdaptivePreintegrated, AdaptiveSimpson, Certified, Exact, Preintegrated, Riemann, Simpson
@@ -10,6 +11,7 @@ from .launch import get_num_threads, set_num_threads
 from .lighting import Lighting
 from .lights import DirectionalLight, Headlight
 from .renderer import Renderer, render
+from .segmentation import Segmentation
 from .tables import Table, preintegrate
 from .transfer_function import TransferFunction
 from .volume import Volume
@@ -19,6 +21,10 @@ __all__ = [
     "AdaptiveSimpson",
     "Camera",
     "Certified",
+    "ClipBox",
+    "ClipPlane",
+    "ClipSphere",
+    "ClipVolume",
     "Comparison",
     "DirectionalLight",
     "Exact",
@@ -28,6 +34,7 @@ __all__ = [
     "Preintegrated",
     "Renderer",
     "Riemann",
+    "Segmentation",
     "Simpson",
     "Table",
     "TransferFunction",

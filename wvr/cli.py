@@ -22,6 +22,7 @@ from . import __version__
 
 if TYPE_CHECKING:
     from .camera import Camera
+    from .clipping import Clip
     from .integrators import Integrator
     from .lighting import Lighting
     from .transfer_function import TransferFunction
@@ -31,6 +32,7 @@ app = App(name="wvr", help="Direct volume rendering, fast and accurate.", versio
 
 # "--direction -1,0,0" is a value that looks like an option.
 Vector = Annotated[str, Parameter(allow_leading_hyphen=True)]
+Vectors = Annotated[list[str], Parameter(allow_leading_hyphen=True, negative="")]
 Size = Annotated[int, Parameter(validator=Number(gte=2))]
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -83,6 +85,9 @@ def render(
     precision: Literal["auto", "float32", "float64"] = "auto",
     device: str | None = None,
     termination: float | None = None,
+    clip_plane: Vectors | None = None,
+    clip_box: Vectors | None = None,
+    clip_sphere: Vectors | None = None,
     threads: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
     scalars: str | None = None,
     nan: Literal["error", "transparent"] = "error",
@@ -132,6 +137,13 @@ def render(
         cpu, cuda:0, ...; by default CUDA where there is one.
     termination
         A ray ends when less than this transparency is left; 0: never.
+    clip_plane
+        PX,PY,PZ,NX,NY,NZ: keep the side of the plane through P that N points to [world coordinates]. This and the
+        other clips may be given several times; what all keep is left.
+    clip_box
+        X0,Y0,Z0,X1,Y1,Z1: keep the box between two corners.
+    clip_sphere
+        X,Y,Z,RADIUS: keep the ball.
     threads
         CPU threads; by default all cores.
     scalars
@@ -148,6 +160,19 @@ def render(
     width, height = _size(size)
     output = Path(f"{_stem(source)}.png") if output is None else output
     _check_output(output, source, background)
+    planes, boxes, balls = (
+        [_numbers(text, option, example) for text in given or []]
+        for option, given, example in (
+            ("--clip-plane", clip_plane, "64,64,64,0,0,1"),
+            ("--clip-box", clip_box, "0,0,0,64,64,64"),
+            ("--clip-sphere", clip_sphere, "64,64,64,32"),
+        )
+    )
+    clips: list[Clip] = [
+        *(wvr.ClipPlane(numbers[:3], numbers[3:]) for numbers in planes),
+        *(wvr.ClipBox(numbers[:3], numbers[3:]) for numbers in boxes),
+        *(wvr.ClipSphere(numbers[:3], numbers[3]) for numbers in balls),
+    ]
     if threads is not None:
         wvr.set_num_threads(threads)
     with _Stages() as stage:
@@ -171,6 +196,7 @@ def render(
             precision=precision,
             device=device,
             termination=termination,
+            clip=clips,
         )
         stage(f"writing {output}")
         image.save(output)
