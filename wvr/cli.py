@@ -161,7 +161,7 @@ def render(
             ("--clip-sphere", clip_sphere, "64,64,64,32"),
         )
     )
-    clips = [
+    clips: list[wvr.ClipPlane | wvr.ClipBox | wvr.ClipSphere | wvr.ClipVolume] = [
         *(wvr.ClipPlane(numbers[:3], numbers[3:]) for numbers in planes),
         *(wvr.ClipBox(numbers[:3], numbers[3:]) for numbers in boxes),
         *(wvr.ClipSphere(numbers[:3], numbers[3]) for numbers in balls),
