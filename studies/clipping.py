@@ -128,14 +128,15 @@ def figure3(folder: Path, cut: Cut) -> list[dict[str, Any]]:
 def isosurfaces(folder: Path, cut: Cut) -> None:
     """Does the length of a cut segment matter where the transfer function is a set of isosurfaces?"""
     low, high = cut.volume.range
-    rows = []
+    rows: list[dict[str, Any]] = []
     for opacity in (0.6, 0.99, 1.0):
         values = [low + share * (high - low) for share in (0.25, 0.6)]
         tf = wvr.TransferFunction.isosurfaces(values, ["green", "red"], opacity, width=0.04 * (high - low))
         scene = replace(cut, tf=tf)
         exact = scene.render(wvr.Exact())
         for parts in ("length", "power", "isosurface"):
-            rows.append({"peak opacity": opacity, "parts": parts} | errors(scene.sliced(4, parts=parts), exact))
+            row: dict[str, Any] = {"peak opacity": opacity, "parts": parts}
+            rows.append(row | errors(scene.sliced(4, parts=parts), exact))
     write_rows(folder, "isosurfaces", "Isosurfaces of a finite width, cut segments", rows)
 
 
@@ -170,7 +171,7 @@ def figure8(folder: Path, quick: bool) -> None:
 def labels(folder: Path, cut: Cut) -> None:
     """A ball of samples inside the bucky ball, which has a transfer function of its own: whole, and cut open."""
     middle = cut.volume.corners.mean(axis=0)
-    places = np.stack(np.indices(cut.volume.shape)[::-1], axis=-1) * cut.volume.spacing + cut.volume.origin
+    places = np.moveaxis(np.indices(cut.volume.shape)[::-1], 0, -1) * cut.volume.spacing + cut.volume.origin
     inside = np.linalg.norm(places - middle, axis=-1) < 0.25 * np.ptp(cut.volume.corners[:, 0])
     low, high = cut.volume.range
     shell = [(low + 0.25 * (high - low), "black", 0.0), (low + 0.7 * (high - low), "steelblue", 0.25)]
