@@ -12,10 +12,16 @@ from cyclopts import App, Parameter
 from cyclopts.validators import Number
 from rich.console import Console
 
-from . import certified, cold, peers, throughput
+from . import certified, clipping, cold, peers, throughput
 from .harness import Settings, markdown, rich_table, save, save_figure
 
-ENTRIES: dict[str, ModuleType] = {"throughput": throughput, "certified": certified, "peers": peers, "cold": cold}
+ENTRIES: dict[str, ModuleType] = {
+    "throughput": throughput,
+    "certified": certified,
+    "clipping": clipping,
+    "peers": peers,
+    "cold": cold,
+}
 RECORDED = Path(__file__).parent / "results"
 # Of all charts, the one that reports show.
 RECORDED_CHART = "peers.png"
@@ -36,7 +42,7 @@ def run(
     Parameters
     ----------
     names
-        What to measure: throughput, certified, peers, cold; all by default.
+        What to measure: throughput, certified, clipping, peers, cold; all by default.
     rounds
         How often each contender runs.
     quick

@@ -13,7 +13,7 @@ import warp as wp
 from .cell import cubic, make_corners, rise, vec8d
 from .field import make_field
 from .importance import BLOCK
-from .walk import AHEAD, FAR, cell_at, entering, leaving
+from .walk import FAR, ahead, cell_at, entering, leaving
 
 PLANE = wp.constant(0)
 BOX = wp.constant(1)
@@ -127,7 +127,7 @@ def make_clip_span(dtype):
                 far = wp.min(far, wp.max(t0, t1))
             elif o[a] < clip.low[a] or o[a] > clip.high[a]:
                 far = -FAR
-        here = t + AHEAD
+        here = ahead(t)
         if here >= far or near >= far:
             return False, FAR
         if here < near:
@@ -179,7 +179,7 @@ def make_clip_span(dtype):
             if n < clipping.shapes.shape[0]:
                 clip = clipping.shapes[n]
                 near, far = stretch_inside(clip, origin, direction)
-                here = t + AHEAD
+                here = ahead(t)
                 inside = here >= near and here < far
                 if inside:
                     end = far

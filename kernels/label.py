@@ -16,7 +16,7 @@ from .importance import BLOCK, unravel
 from .precision import REALS
 from .table import make_table
 from .transfer import make_transfer, make_transparent
-from .walk import AHEAD, cell_at, entering, leaving
+from .walk import ahead, cell_at, entering, leaving
 
 vec8i = wp.types.vector(8, int)
 
@@ -72,7 +72,7 @@ def make_label_span(dtype, precision):
         labels: Labels, last: wp.vec3i, origin: wp.vec3d, direction: wp.vec3d, t: wp.float64, length: wp.float64
     ):
         state = int(NOTHING)
-        here = t + AHEAD
+        here = ahead(t)
         cell = cell_at(last, origin + here * direction)
         while here < length:
             found = labels.blocks[cell[2] // BLOCK, cell[1] // BLOCK, cell[0] // BLOCK]

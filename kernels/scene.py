@@ -28,7 +28,7 @@ class Variant:
     gradient: str = "central"  # that light sees: "central" differences or those of the "cell"
     material: bool = False  # ambient, diffuse and specular coefficients vary with the scalar
     clips: type | None = None  # there are clips; of the clip volumes' samples, uint8 where there are shapes only
-    exact: bool = False  # clips cut the ray
+    clipped: bool = False  # clips cut the ray
     naive: bool = False  # clips leave out samples
     parts: str | None = None  # clips cut segments, as ``partial`` does
     labels: type | None = None  # of the states as they are stored, where labels say which transfer function holds
@@ -36,7 +36,7 @@ class Variant:
     @property
     def cut(self) -> bool:
         """Whether a ray is marched in stretches."""
-        return self.exact or self.labels is not None
+        return self.clipped or self.labels is not None
 
 
 @wp.struct

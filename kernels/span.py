@@ -15,7 +15,7 @@ def make_span(variant):
     nothing is visible, and until where: more than t, at most ``length``.
     """
     Scene = make_scene(variant)
-    clipped = variant.exact
+    clipped = variant.clipped
     labelled = variant.labels is not None
     clip_span = make_clip_span(variant.clips or wp.uint8)
     label_span = make_label_span(variant.labels or wp.uint8, variant.precision)

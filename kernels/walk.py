@@ -7,9 +7,14 @@ import warp as wp
 
 # Never reached along any ray.
 FAR = wp.constant(wp.float64(1.0e300))
-# What a stretch of a ray is like is seen so far behind its start, clear of the rounding of the point where it begins
-# [smallest voxel spacing].
-AHEAD = wp.constant(wp.float64(1.0e-11))
+
+
+@wp.func
+def ahead(t: wp.float64):
+    """A point of a ray so little behind t that nothing is missed, but clear of the rounding of t: what holds there
+    holds from t on [smallest voxel spacing].
+    """
+    return t + wp.max(wp.float64(1.0e-11), wp.float64(1.0e-14) * t)
 
 
 @wp.func

@@ -101,8 +101,8 @@ def test_every_option_arrives(run, rendered, monkeypatch):
 def test_clips(run, rendered):
     render_spheres(
         run,
-        *["--clip-plane", "1,2,3,0,0,-1", "--clip-box", "-1,-2,-3,4,5,6"],
-        *["--clip-sphere", "1,1,1,2.5", "--clip-plane", "-1,0,0,1,0,0"],
+        *("--clip-plane", "1,2,3,0,0,-1", "--clip-box", "-1,-2,-3,4,5,6", "--clip-sphere", "1,1,1,2.5"),
+        *("--clip-plane", "-1,0,0,1,0,0"),
     )
     assert rendered["clip"] == [
         wvr.ClipPlane((1, 2, 3), (0, 0, -1)),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import wvr
-from studies import campagnolo2015, common, frontier, lum2004, roettger2003, stability
+from studies import campagnolo2015, clipping, common, frontier, lum2004, roettger2003, stability
 
 
 @pytest.fixture(autouse=True)
@@ -64,6 +64,33 @@ def test_roettger2003(folder):
     assert each > four > 10 * floats and four > 10 * adaptive
     rows = json.loads((folder / "speed.json").read_text())["rows"]
     assert rows[2]["paper s"] == "2.2" and rows[0]["adaptive M samples"] < rows[0]["4x slicing M samples"]
+
+
+def test_clipping(folder):
+    clipping.main("--quick")
+    folder = folder / "clipping"
+    assert {path.name for path in folder.glob("*.png")} == {
+        f"{n}.png" for n in ("figure2", "figure3", "figure8", "labels")
+    }
+    rows = json.loads((folder / "figure3.json").read_text())["rows"]
+    mean = {(row.get("slices"), row["method"]): row["mean"] for row in rows}
+    for slices in (32, 128):
+        exact, ratio, first, naive = (
+            mean[slices, method] for method in ("rays cut", "parts='ratio'", "parts='first-order'", "naive")
+        )
+        assert exact < ratio < first < 0.2 * naive
+    assert mean[None, "Certified(1/512)"] < 1e-4
+
+
+def test_factors():
+    """Of a clip field that is linear between the ends: where it is 0.5."""
+    front, back = np.random.default_rng(0).random((2, 1000))
+    factors = clipping.factors(front, back)
+    t = np.linspace(0, 1, 20001)
+    visible = front[:, None] + t * (back - front)[:, None] >= 0.5
+    np.testing.assert_allclose(factors["b"], visible.mean(axis=1), atol=1e-4)
+    some = visible.any(axis=1)
+    np.testing.assert_allclose(factors["r"][some], t[visible[some].argmax(axis=1)], atol=1e-4)
 
 
 def test_frame_buffer():

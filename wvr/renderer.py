@@ -168,7 +168,7 @@ class Renderer:
             clips=wp.dtype_from_numpy(fields.pop() if len(fields) == 1 else np.float64 if fields else np.uint8)
             if clips
             else None,
-            exact=any(not clip.naive and getattr(clip, "parts", None) is None for clip in clips),
+            clipped=any(not clip.naive and getattr(clip, "parts", None) is None for clip in clips),
             naive=any(clip.naive for clip in clips),
             parts=next((clip.parts for clip in clips if isinstance(clip, ClipVolume) and clip.parts), None),
             labels=None if labels is None else wp.dtype_from_numpy(labels.states[1].dtype),
@@ -176,7 +176,7 @@ class Renderer:
         if self.lighting is not None:
             mode = self.lighting.mode if rule == "preintegrated" else "point"
             variant = replace(variant, lit=mode, gradient=self.lighting.gradient, material=self._material)
-        _check_memory(self.volume, width, height, device)
+        _check_memory(self.volume, clips, labels, width, height, device)
 
         scene = make_scene(variant)()
         shift = self._shift()
@@ -785,12 +785,17 @@ def _table_shape(volume: Volume, table_size: int | None) -> tuple[int, tuple[flo
     return 512, (lo, hi)
 
 
-def _check_memory(volume: Volume, width: int, height: int, device: wp.Device) -> None:
-    needed = volume.numpy().nbytes * (not device.is_cpu) + width * height * 64
+def _check_memory(
+    volume: Volume, clips: list[Clip], labels: Segmentation | None, width: int, height: int, device: wp.Device
+) -> None:
+    volumes = {volume, *(clip.volume for clip in clips if isinstance(clip, ClipVolume))}
+    needed = sum(one.numpy().nbytes for one in volumes) * (not device.is_cpu) + width * height * 64
+    if labels is not None:
+        needed += labels.labels.numpy().nbytes
     free = device.free_memory if device.is_cuda else _free_host_memory()
     if needed > free:
         raise MemoryError(
-            f"volume and image need {needed / 2**30:.1f} GiB on {device.alias}, which has {free / 2**30:.1f} GiB free; "
+            f"data and image need {needed / 2**30:.1f} GiB on {device.alias}, which has {free / 2**30:.1f} GiB free: "
             f"take a smaller size than {width} x {height}, or a smaller volume"
         )
 
