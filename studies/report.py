@@ -14,7 +14,8 @@ from wvr.image import whole_file
 from .common import text
 from .study import Part, Study
 
-# A table this long is folded.
+SMALL = "; quick: small scenes, which show only that the study works"
+# A longer table is folded.
 LONG = 12
 
 STYLE = """
@@ -81,12 +82,12 @@ def _machine(record: dict[str, Any]) -> str:
     facts = record["machine"]
     devices = ", ".join(f"{alias} {name}" for alias, name in facts["devices"].items())
     versions = ", ".join(f"{name} {facts[name]}" for name in ("wvr", "warp-lang", "numpy", "vtk") if facts.get(name))
-    return (
-        f'<p class="made"><code>{escape(record["command"])}</code> on {escape(str(facts["cpu"]))}, {facts["cores"]} '
-        f"threads, {facts['memory_gib']} GiB; devices: {escape(devices)}; Python {facts['python']}, {escape(versions)}; "
-        f"commit {escape(str(facts['commit']))}; {escape(facts['date'])}"
-        f"{'; quick: small scenes, which show only that the study works' if record['quick'] else ''}</p>"
+    made = (
+        f"on {facts['cpu']}, {facts['cores']} threads, {facts['memory_gib']} GiB; devices: {devices}; "
+        f"Python {facts['python']}, {versions}; commit {facts['commit']}; {facts['date']}"
     )
+    small = SMALL if record["quick"] else ""
+    return f'<p class="made"><code>{escape(record["command"])}</code> {escape(made + small)}</p>'
 
 
 def _part(folder: Path, study: Study, part: Part, record: dict[str, Any]) -> str:

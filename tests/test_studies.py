@@ -42,9 +42,29 @@ def test_lum2004(results):
     assert rows_of(folder / "table1", "table1-cpu")[0]["paper s"] == 0.00078
 
 
-def test_stability_of_tables(results):
-    rows = rows_of(results("stability") / "tables", "tables")
+def test_stability_of_tables(tmp_path):
+    assert "no entry that no segment can have" in stability.tables(tmp_path, quick=True)
+    rows = rows_of(tmp_path, "tables")
     assert len(rows) == 10 and not any(row[count] for row in rows for count in stability.COUNTS)
+
+
+def test_stability_of_images(tmp_path, monkeypatch):
+    few = [case for case in stability.cases(quick=True) if case.axis in ("opacity", "rays", "samples")]
+    monkeypatch.setattr(stability, "cases", lambda quick: few)
+    assert "no pixel further off than its bound" in stability.images(tmp_path, quick=True)
+    rows = rows_of(tmp_path, "images")
+    assert {row["value"] for row in rows} == {case.value for case in few}
+    # What has no place in an image is found: an opacity below 0 leaves no room for colour either.
+    scene = few[0].scene
+    exact = scene.render(wvr.Exact())
+    for value, counts in ((np.nan, (1, 0, 0)), (1.5, (0, 1, 1)), (-0.5, (0, 4, 1)), (0.5, (0, 0, 1))):
+        image = scene.render(wvr.Certified(1e-3))
+        image.rgba[3, 4, 3] = value
+        image.error_bound[3, 4] *= np.isfinite(value)
+        assert stability.impossible(image, scene, exact) == counts, value
+    monkeypatch.setattr(stability, "impossible", lambda *_: (0, 1, 0))
+    with pytest.raises(AssertionError, match="images that no scene can have"):
+        stability.images(tmp_path, quick=True)
 
 
 def test_campagnolo2015(results):
