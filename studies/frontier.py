@@ -261,9 +261,9 @@ def _short_chart(rows: list[dict[str, Any]]) -> Figure:
     figure = Figure(figsize=(9, 3.4))
     panels = figure.subplots(1, len(kinds), sharex=True, sharey=True)
     for axes, kind in zip(panels, kinds, strict=True):
-        _lines(axes, [row for row in rows if row["scene"] == kind], SHORT, "max error")
+        _lines(axes, [row for row in rows if row["scene"] == kind], SHORT, "mean error")
         axes.set(title=kind, xlabel="time a frame [s]")
-    panels[0].set_ylabel("largest error of a channel in [0, 1]")
+    panels[0].set_ylabel("mean error of all channels in [0, 1]")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 

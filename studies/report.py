@@ -67,6 +67,38 @@ below them. All numbers lie beside this file as CSV and JSON, all charts as SVG 
         temporary.write_text(page, encoding="utf-8")
 
 
+def write_page(folder: Path, studies: Sequence[tuple[Study, dict[str, dict[str, Any]]]]) -> Path:
+    """Write ``index.md``, the report as a page of the documentation; arguments are those of :func:`write`."""
+    lines = [
+        "# Evidence",
+        "",
+        "What the papers reported, what wvr measured, and what follows, computed from the numbers.",
+    ]
+    for study, records in studies:
+        made = [record for record in records.values() if record]
+        if not made:
+            continue
+        facts = made[-1]["machine"]
+        lines += ["", f"## {study.title}", "", f"`{made[-1]['command']}` on {facts['cpu']}, {facts['cores']} threads, "
+                  f"commit {facts['commit']}, {facts['date'][:10]}."]  # fmt: skip
+        for part in study.parts.values():
+            if record := records[part.name]:
+                lines += ["", f"### {part.title}", "", part.what]
+                if claim := study.claim(part.name):
+                    lines += ["", f"> {claim['where']}: {claim['says']}"]
+                lines += ["", f"**{record['finding']}**"]
+                for name in record["files"]:
+                    path = f"{study.name}/{part.name}/{name}"
+                    if name.endswith(".png"):
+                        lines += ["", f"![{part.title}]({path})"]
+                    elif name.endswith(".csv"):
+                        lines += ["", f"[{name}]({path})"]
+    page = folder / "index.md"
+    with whole_file(page) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return page
+
+
 def _study(out: Path, study: Study, records: dict[str, dict[str, Any]]) -> str:
     machines = {json.dumps(r["machine"] | {"date": 0, "load": 0}): r for r in records.values() if r}
     folder = out / study.name

@@ -18,15 +18,23 @@ from typing import Any
 
 from matplotlib import rc_context
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-from rich.progress import TimeRemainingColumn as LeftColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from benchmarks.harness import PACKAGES, STYLE, machine, write_json
 
 from . import report
 from .study import Part, Study
 
-NAMES = ("frontier", "lum2004", "roettger2003", "campagnolo2015", "stability")
+NAMES = ("frontier", "lum2004", "roettger2003", "campagnolo2015", "stability", "gallery")
+RECORDED = Path(__file__).parents[1] / "docs/results"
 ROOT = Path(__file__).parents[1]
 SOURCES = ("wvr", "kernels", "studies", "benchmarks")
 RECORD = "part.json"
@@ -79,7 +87,7 @@ def run(studies: Sequence[Study], out: Path, quick: bool = False, resume: bool =
         MofNCompleteColumn() if not known else TextColumn("{task.percentage:.0f}%"),
         TimeElapsedColumn(),
         TextColumn("left"),
-        LeftColumn(),
+        TimeRemainingColumn(),
     )
     console = Console()
     try:
@@ -94,8 +102,29 @@ def run(studies: Sequence[Study], out: Path, quick: bool = False, resume: bool =
                         failed.append(f"{study.name}, {part.title}: {error}")
                 progress.advance(task, seconds or typical)
     finally:
-        report.write(out, [(study, {p: _read(out / study.name / p) for p in study.parts}) for study in find()])
+        report.write(out, records(out))
     return failed
+
+
+def records(out: Path) -> list[tuple[Study, dict[str, dict[str, Any]]]]:
+    """Of all studies: the records of their parts by name, empty where a part was not run."""
+    return [(study, {part: _read(out / study.name / part) for part in study.parts}) for study in find()]
+
+
+def record(out: Path) -> Path:
+    """Copy results that are whole, and a page of them, to where the documentation shows them."""
+    whole = [
+        (study, {p: r for p, r in parts.items() if "identity" in r and not r["quick"]}) for study, parts in records(out)
+    ]
+    for study, parts in whole:
+        for part, found in parts.items():
+            folder = RECORDED / study.name / part
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(parents=True)
+            for name in (RECORD, *found["files"]):
+                if Path(name).suffix in (".csv", ".png") or name == RECORD:
+                    shutil.copy(out / study.name / part / name, folder)
+    return report.write_page(RECORDED, records(RECORDED))
 
 
 def _run(part: Part, folder: Path, quick: bool, record: dict[str, Any], identity: str) -> str | None:

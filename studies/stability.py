@@ -250,7 +250,7 @@ def waves(shape: tuple[int, int, int]) -> NDArray[np.float64]:
 
 
 def plain(
-    samples: NDArray | None = None, spacing: ArrayLike = (1, 1, 1), origin: ArrayLike = (0, 0, 0), size: int = 16
+    samples: NDArray | None = None, spacing: ArrayLike = (1, 1, 1), origin: ArrayLike = (0, 0, 0), size: int = 17
 ) -> Scene:
     """The ordinary scene, or one with other samples in another place."""
     samples = waves((14, 14, 14)) if samples is None else samples
@@ -401,7 +401,7 @@ def images(folder: Path, quick: bool) -> str:
     )
 
 
-def image_map(rows: list[dict[str, Any]], columns: int = 4) -> Figure:
+def image_map(rows: list[dict[str, Any]], columns: int = 5) -> Figure:
     """Largest error by method and precision, and the value on each axis."""
     names = list(dict.fromkeys((row["method"], row["precision"]) for row in rows))
     values = {axis: [] for axis in dict.fromkeys(row["axis"] for row in rows)}  # type: dict[str, list[str]]
@@ -409,7 +409,7 @@ def image_map(rows: list[dict[str, Any]], columns: int = 4) -> Figure:
         if row["value"] not in values[row["axis"]]:
             values[row["axis"]].append(row["value"])
     lines = -(-len(values) // columns)
-    figure = Figure(figsize=(13, lines * (1.3 + 0.17 * len(names))))
+    figure = Figure(figsize=(15, lines * (1.3 + 0.17 * len(names))))
     panels = figure.subplots(lines, columns, sharey=True, squeeze=False)
     for axes in panels.flat[len(values) :]:
         axes.set_visible(False)
@@ -431,7 +431,7 @@ def _cells(axes: Axes, cells: NDArray[np.float64], norm: LogNorm) -> AxesImage:
     shown = axes.imshow(np.maximum(cells, 1e-18), norm=norm, cmap="viridis", aspect="auto")
     for (y, x), value in np.ndenumerate(cells):
         if np.isfinite(value):
-            color = "w" if norm(value) < 0.6 else "k"
-            exponent = np.log10(max(value, 1e-18))
-            axes.text(x, y, f"{exponent:.0f}", ha="center", va="center", fontsize=6, color=color)
+            color = "w" if value < 1e-3 * (norm.vmax or 1.0) else "k"
+            exponent = round(np.log10(max(value, 1e-18)))
+            axes.text(x, y, str(exponent), ha="center", va="center", fontsize=6, color=color)
     return shown

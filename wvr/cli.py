@@ -238,6 +238,7 @@ def study(
     every: Annotated[bool, Parameter(name="--all", negative="")] = False,
     quick: Annotated[bool, Parameter(negative="")] = False,
     resume: Annotated[bool, Parameter(negative="")] = False,
+    record: Annotated[bool, Parameter(negative="")] = False,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
 ) -> int:
     """Repeat the studies that wvr's claims rest on, in a checkout; without a name, list them.
@@ -252,6 +253,8 @@ def study(
         Small scenes and generated volumes: shows that the studies work, within minutes.
     resume
         Keep the parts that were finished by the same code on the same machine.
+    record
+        Also copy what is in the folder and was not made with --quick to docs/results, for the documentation.
     output
         Folder for tables, charts and report.html; by default out/studies, with --quick out/studies-quick.
     """
@@ -267,6 +270,8 @@ def study(
     out = Path("out/studies-quick" if quick else "out/studies") if output is None else output
     failed = runner.run(runner.find(names or runner.NAMES), out, quick, resume)
     print(out / "report.html")
+    if record:
+        print(runner.record(out))
     for reason in failed:
         print(f"wvr: failed: {reason}", file=sys.stderr)
     return 1 if failed else 0
