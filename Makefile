@@ -19,7 +19,7 @@ bench: .venv/ready
 	$(BIN)/python -m benchmarks
 
 studies: .venv/ready
-	$(BIN)/python -m studies $(if $(QUICK),--quick)
+	$(BIN)/wvr study --all $(if $(QUICK),--quick) $(if $(RESUME),--resume)
 
 .venv/ready: pyproject.toml
 	$(PYTHON) -m venv .venv

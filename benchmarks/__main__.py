@@ -10,10 +10,11 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
+from matplotlib import rc_context
 from rich.console import Console
 
 from . import certified, clipping, cold, peers, throughput
-from .harness import Settings, markdown, rich_table, save, save_figure
+from .harness import STYLE, Settings, markdown, rich_table, save, save_figure
 
 ENTRIES: dict[str, ModuleType] = {
     "throughput": throughput,
@@ -69,9 +70,10 @@ def run(
         save(result, out / f"{name}.json")
         (out / f"{name}.md").write_text(markdown(result), encoding="utf-8")
         files = [out / f"{name}.json", out / f"{name}.md"]
-        for stem, figure in entry.charts(result).items():
-            save_figure(figure, out / stem)
-            files.append(out / f"{stem}.png")
+        with rc_context(STYLE):
+            for stem, figure in entry.charts(result).items():
+                save_figure(figure, out / stem)
+                files.append(out / f"{stem}.png")
         if record is not None:
             folder = RECORDED / record
             folder.mkdir(parents=True, exist_ok=True)

@@ -26,8 +26,8 @@ def measure(settings: Settings) -> Result:
     rows: list[Row] = []
     for integrator in INTEGRATORS:
         renderers = {
-            name: wvr.Renderer(scene.volume, scene.tf, integrator=integrator, device="cpu", **options)
-            for name, options in cuts(scene.volume, scene.tf).items()
+            name: wvr.Renderer(scene.volume, scene.transfer_function, integrator=integrator, device="cpu", **options)
+            for name, options in cuts(scene.volume, scene.transfer_function).items()
         }
         samples = {name: float(r.render(camera, size).samples.mean()) for name, r in renderers.items()}
         contenders = {name: timed(partial(r.render, camera, size)) for name, r in renderers.items()}

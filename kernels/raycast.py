@@ -70,7 +70,7 @@ def make_raycast(variant):
                 clear = one - ray[3]
                 scene.steps.opaque = one - (one - opaque) / wp.max(clear, wp.float64(1.0e-300))
                 start = point + t * along
-                if wp.static(variant.lit != "" and variant.exact):
+                if wp.static(variant.lit != "" and variant.clipped):
                     reach = wp.float64(1.0e-6) * scene.view.unit
                     scene.cut = cut_normal(scene.clipping, scene.view.to_index, start, reach)
                     scene.cut_point = start

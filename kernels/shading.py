@@ -126,7 +126,7 @@ def make_shading(variant):
             if not (wp.isfinite(g[0]) and wp.isfinite(g[1]) and wp.isfinite(g[2])):
                 return vec3()
         g = mat33(scene.shading.to_world) @ g
-        if wp.static(variant.exact):
+        if wp.static(variant.clipped):
             g = towards_cut(scene, p, g)
         return g
 

@@ -468,6 +468,32 @@ def test_help_needs_neither_pyvista_nor_matplotlib():
     assert (done.returncode, done.stdout) == (0, f"{wvr.__version__}\n")
 
 
+def test_studies_are_listed_run_and_reported(run, monkeypatch):
+    code, out, err = run("study")
+    assert (code, err) == (0, "") and "lum2004: Lum, Wilson and Ma" in out and "    Table 1: " in out
+    code, _, err = run("study", "lum2003")
+    assert code == 2 and "studies are frontier" in err
+    code, _, err = run("study", "lum2004", "--all")
+    assert code == 2 and "not both" in err
+
+    from studies import runner
+
+    asked = []
+    monkeypatch.setattr(runner, "run", lambda *arguments: asked.append(arguments) or ["lum2004, Table 1: too hard"])
+    code, out, err = run("study", "lum2004", "--quick", "--resume")
+    assert (code, out) == (1, "out/studies-quick/report.html\n") and "failed: lum2004, Table 1: too hard" in err
+    assert [study.name for study in asked[0][0]] == ["lum2004"] and asked[0][1:] == (
+        Path("out/studies-quick"),
+        True,
+        True,
+    )
+    run("study", "--all", "-o", "here")
+    assert len(asked[1][0]) == len(runner.NAMES) and asked[1][1:] == (Path("here"), False, False)
+    monkeypatch.setattr(wvr, "__file__", "/nowhere/wvr/__init__.py")
+    code, _, err = run("study")
+    assert code == 1 and "not installed" in err
+
+
 def test_up_is_y_unless_the_file_says_where_the_head_is(run, rendered, tmp_path):
     volume = spheres()
     np.save("plain.npy", volume.numpy())
