@@ -52,7 +52,7 @@ def cuts(volume: wvr.Volume, tf: wvr.TransferFunction) -> dict[str, dict[str, An
     low, high = volume.corners.min(axis=0), volume.corners.max(axis=0)
     middle, edge = (low + high) / 2, high - low
     k, j, i = np.indices((64, 64, 64)) / 63 - 0.5
-    ball = wvr.Volume((0.5 - np.sqrt(i * i + j * j + k * k)).astype(np.float32), edge / 63, low)
+    ball = wvr.Volume(np.clip(255 - 255 * np.sqrt(i * i + j * j + k * k), 0, 255).astype(np.uint8), edge / 63, low)
     other = wvr.TransferFunction.from_arrays(tf.knots, tf.colors, 0.999 * tf.opacities, tf.unit_distance)
     functions = {0: tf, 1: other}
     half, layers = np.zeros((2, *volume.shape), np.uint8)
@@ -63,7 +63,7 @@ def cuts(volume: wvr.Volume, tf: wvr.TransferFunction) -> dict[str, dict[str, An
         "none": {},
         "plane that keeps all": {"clip": wvr.ClipPlane(low - edge, edge)},
         "plane through the middle": {"clip": wvr.ClipPlane(middle, (1, 0.3, 0.2))},
-        "clip volume": {"clip": wvr.ClipVolume(ball, 0.0)},
+        "clip volume": {"clip": wvr.ClipVolume(ball, 127.5)},
         "two labels, halves": {"segmentation": wvr.Segmentation(half, functions)},
         "two labels, layers": {"segmentation": wvr.Segmentation(layers, functions)},
         "two labels, by scalar": {"segmentation": wvr.Segmentation(by_scalar, functions)},

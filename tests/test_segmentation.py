@@ -2,10 +2,12 @@
 nothing.
 """
 
+import gc
 from pathlib import Path
 
 import numpy as np
 import pytest
+import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -334,3 +336,28 @@ def test_a_scene_without_labels_again(blobs):
         whole = renderer.render(camera, (16, 16))
         again = wvr.render(blobs, SMOOTH, camera, (16, 16), integrator=integrator)
         assert np.array_equal(whole.rgba, again.rgba) and not np.array_equal(whole.rgba, half.rgba)
+
+
+@pytest.mark.parametrize("integrator", [wvr.AdaptivePreintegrated(1e-2), wvr.AdaptiveSimpson(1e-3)], ids=repr)
+def test_trace(integrator, blobs):
+    """Steps of all stretches, long after the renderer is gone."""
+    labels = layers(blobs.shape, np.array([0.2, 0.3, 1.0]), 25.3)
+    segmentation = wvr.Segmentation(labels, {1: SMOOTH, 2: SPARSE})
+    clip = wvr.ClipVolume(wvr.Volume(255 - blobs.numpy(), blobs.spacing, blobs.origin, blobs.direction), 90.0)
+    image = wvr.render(
+        blobs,
+        None,
+        wvr.Camera.fit(blobs),
+        (9, 9),
+        integrator=integrator,
+        segmentation=segmentation,
+        clip=clip,
+        termination=0,
+    )
+    gc.collect()
+    opaque = [wp.full((1 << 16,), 1e9, dtype=float, device="cpu") for _ in range(50)]  # over whatever was freed
+    for x, y in ((4, 4), (3, 5), (5, 2)):
+        steps = image.trace(x, y)
+        assert len(steps) and np.all(np.diff(steps["t"]) > 0)
+        np.testing.assert_allclose(steps["rgba"][-1], image.rgba[y, x], atol=1e-6)
+    assert opaque

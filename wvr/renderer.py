@@ -36,6 +36,8 @@ from .kernels.precision import REALS, vec4_of
 from .kernels.ray import TILE, View, item, tiles
 from .kernels.raycast import make_raycast
 from .kernels.scene import Light, Shading, Step, Steps, Variant, make_scene
+from .kernels.table import make_table
+from .kernels.transfer import make_transfer
 from .launch import get_device, launch
 from .lighting import Lighting
 from .lights import Headlight
@@ -239,7 +241,7 @@ class Renderer:
         if isinstance(self.integrator, AdaptivePreintegrated):
             stats["tolerance_covers"] = "what a linear scalar costs a step; not forced steps, nor their sum along a ray"
         if isinstance(self.integrator, AdaptiveSimpson | AdaptivePreintegrated):
-            tracer = _tracer(variant, scene, count, device)
+            tracer = _tracer(variant, scene, count, device, dict(self._kept))
         error_bound = None
         if isinstance(self.integrator, Certified):
             assert bound is not None
@@ -567,16 +569,16 @@ class Renderer:
         def build_blocks() -> tuple[wp.array, wp.array]:
             held = wp.empty(ranges.shape, dtype=int, device=device)
             empty = wp.empty(ranges.shape, dtype=wp.uint8, device=device)
-            real = REALS[variant.precision]
             inputs = [labels.states, labels.transfers, ranges, wp.float64(shift), self.skip_empty, held, empty]
             launch(make_label_blocks(variant.labels, real), held.size, inputs, device)
             return held, empty
 
+        real = REALS[variant.precision]
         ranges = self._ranges(variant, device)
         labels.states = self._keep("labels", (segmentation, device.alias), build_states)
-        labels.transfers = wp.array(transfers, dtype=type(scene.transfer)._cls, device=device)
+        labels.transfers = wp.array(transfers, dtype=make_transfer(real)[0], device=device)
         if tables:
-            labels.tables = wp.array(tables, dtype=type(scene.table)._cls, device=device)
+            labels.tables = wp.array(tables, dtype=make_table(real)[0], device=device)
         part = "simplified" if isinstance(self.integrator, Certified) else "transfer"
         key = (segmentation, self.volume, self.skip_empty, *self._kept[part])
         labels.blocks, scene.empty = self._keep("blocks", key, build_blocks)
@@ -751,12 +753,16 @@ def view(volume: Volume, camera: Camera, width: int, height: int) -> Any:
 
 
 def _tracer(
-    variant: Variant, scene: Any, count: NDArray[np.int32], device: wp.Device
+    variant: Variant, scene: Any, count: NDArray[np.int32], device: wp.Device, kept: dict[str, Any]
 ) -> Callable[[int, int], NDArray[np.void]]:
-    """Steps of the ray of a pixel, by rendering it once more; a ray has no more steps than samples."""
+    """Steps of the ray of a pixel, by rendering it once more; a ray has no more steps than samples.
+
+    ``kept`` are the arrays that structs in the scene's arrays point to.
+    """
     variant = replace(variant, traced=True)
 
     def trace(x: int, y: int) -> NDArray[np.void]:
+        assert kept  # alive as long as the tracer
         traced = make_scene(variant)()
         names = "view steps field transfer empty table distance shading lights clipping labels"
         for name in names.split():
