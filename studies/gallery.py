@@ -18,7 +18,7 @@ STUDY = Study("gallery", "Gallery")
 TOLERANCE = 1 / 512
 
 
-def framed(name: str, quick: bool, points: Points, view_angle: float = 20.0) -> Scene:
+def framed(name: str, quick: bool, points: Points, view_angle: float = 25.0) -> Scene:
     """A volume with control points for the range that its scan has."""
     volume = views.load(name, quick)
     span = (0.0, 4.8427) if name == "bluntfin" else (0.0, 255.0)
@@ -68,8 +68,8 @@ def engine(folder: Path, quick: bool) -> str:
     scene = framed("engine", quick, [(0, "white", 0.0), (1, "white", 0.0)])
     low, high = scene.volume.range
     levels = [low + share * (high - low) for share in (0.3, 0.6, 0.85)]
-    width = 0.02 * (high - low)
-    tf = wvr.TransferFunction.isosurfaces(levels, ["lightsteelblue", "goldenrod", "firebrick"], 0.35, width)
+    width = 0.05 * (high - low)
+    tf = wvr.TransferFunction.isosurfaces(levels, ["lightsteelblue", "goldenrod", "firebrick"], 0.8, width)
     return shown(folder, replace(scene, transfer_function=tf))
 
 

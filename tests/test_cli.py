@@ -471,6 +471,7 @@ def test_help_needs_neither_pyvista_nor_matplotlib():
 def test_studies_are_listed_run_and_reported(run, monkeypatch):
     code, out, err = run("study")
     assert (code, err) == (0, "") and "lum2004: Lum, Wilson and Ma" in out and "    Table 1: " in out
+    monkeypatch.setattr("studies.runner.record", lambda out: f"{out} is recorded")
     code, _, err = run("study", "lum2003")
     assert code == 2 and "studies are frontier" in err
     code, _, err = run("study", "lum2004", "--all")
@@ -487,7 +488,8 @@ def test_studies_are_listed_run_and_reported(run, monkeypatch):
         True,
         True,
     )
-    run("study", "--all", "-o", "here")
+    _, out, _ = run("study", "--all", "-o", "here", "--record")
+    assert "here is recorded" in out
     assert len(asked[1][0]) == len(runner.NAMES) and asked[1][1:] == (Path("here"), False, False)
     monkeypatch.setattr(wvr, "__file__", "/nowhere/wvr/__init__.py")
     code, _, err = run("study")

@@ -235,6 +235,18 @@ def test_an_interrupted_run_keeps_what_is_done(tmp_path, study, monkeypatch):
     assert "One is one." in page and "Not run." in page
 
 
+def test_whole_results_are_recorded(tmp_path, study, monkeypatch):
+    monkeypatch.setattr(runner, "find", lambda: [study])
+    monkeypatch.setattr(runner, "RECORDED", tmp_path / "docs")
+    (tmp_path / "docs").mkdir()
+    runner.run([study], tmp_path / "out")  # of which the second part fails
+    page = runner.record(tmp_path / "out").read_text()
+    assert "**One is one.**" in page and "[table.csv](made-up/table/table.csv)" in page and "Table 2" not in page
+    assert (tmp_path / "docs" / "made-up" / "table" / "table.csv").read_text().startswith("x,error")
+    runner.run([study], tmp_path / "quick", quick=True)
+    assert runner.record(tmp_path / "quick").read_text() == page
+
+
 def test_the_report_needs_nothing_else(results):
     folder = results("lum2004")
     page = (folder.parent / "report.html").read_text()
