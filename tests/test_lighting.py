@@ -253,6 +253,35 @@ def test_nested_surfaces_show_no_jumps():
     assert jump["interpolated"] < 0.7 * jump["center"]
 
 
+def test_light_knows_clips_and_labels(blobs):
+    """Two labels of one transfer function are one; two halves of a lit volume are the whole, but for the cut's face."""
+    tf = wvr.TransferFunction([(0.1, "red", 0.0), (0.6, "white", 0.4)])
+    camera, lighting = wvr.Camera.fit(blobs, parallel=True), wvr.Lighting()
+    labels = wvr.Volume((np.indices(blobs.shape)[0] > 15).astype(np.uint8))
+    whole = wvr.render(blobs, tf, camera, (32, 32), tolerance=1e-4, lighting=lighting)
+    same = wvr.render(
+        blobs,
+        None,
+        camera,
+        (32, 32),
+        tolerance=1e-4,
+        lighting=lighting,
+        segmentation=wvr.Segmentation(labels, {0: tf, 1: tf}),
+    )
+    assert max_error(same, whole.rgba) < 1e-6
+    # A plane that rays run along cuts none of them.
+    forward = np.asarray(camera.target) - np.asarray(camera.position)
+    across = np.cross(forward, (0, 0, 1))
+    point = np.asarray(blobs.corners.mean(axis=0)) + 1e-3 * across
+    halves = [
+        wvr.render(
+            blobs, tf, camera, (32, 32), tolerance=1e-4, lighting=lighting, clip=wvr.ClipPlane(point, side * across)
+        ).rgba
+        for side in (1, -1)
+    ]
+    assert max_error(whole, halves[0] + halves[1]) < 1e-6
+
+
 @pytest.mark.parametrize(
     "integrator", [wvr.Certified(1e-3), wvr.Preintegrated(0.1)], ids=lambda integrator: type(integrator).__name__
 )
