@@ -11,7 +11,7 @@ from functools import cache
 
 import warp as wp
 
-from .field import make_field
+from .field import make_differences
 from .precision import REALS, vec3_of, vec4_of
 from .scene import make_scene
 from .transfer import make_transfer
@@ -80,7 +80,7 @@ def make_shading(variant):
     vec4 = vec4_of(real)
     Intensity = intensity_of(real)
     Scene = make_scene(variant)
-    _, value = make_field(variant.dtype, real)
+    differences = make_differences(variant.dtype, real, variant.gradient)
     mat33 = wp.mat33d if real is wp.float64 else wp.mat33
     surface, shine = make_shine(variant)
 
@@ -107,21 +107,7 @@ def make_shading(variant):
     @wp.func
     def gradient(scene: Scene, p: vec3):
         """Scalars per world length; 0 where data are absent."""
-        g = vec3()
-        for a in range(3):
-            low = p
-            high = p
-            if wp.static(variant.gradient == "cell"):
-                # Differences over the cell: trilinear interpolation is linear along each axis.
-                cell = real(wp.max(wp.min(int(p[a]), scene.field.last[a]), 0))
-                low[a] = cell
-                high[a] = cell + real(1.0)
-            else:
-                # A voxel to each side, as far as there are samples.
-                low[a] = wp.max(p[a] - real(1.0), real(0.0))
-                high[a] = wp.min(p[a] + real(1.0), real(scene.field.last[a] + 1))
-            if high[a] > low[a]:
-                g[a] = (value(scene.field, high) - value(scene.field, low)) / (high[a] - low[a])
+        g = differences(scene.field, p)
         if not wp.static(variant.finite):
             if not (wp.isfinite(g[0]) and wp.isfinite(g[1]) and wp.isfinite(g[2])):
                 return vec3()
