@@ -10,6 +10,7 @@ from .launch import get_num_threads, set_num_threads
 from .lighting import Lighting
 from .lights import DirectionalLight, Headlight
 from .renderer import Renderer, render
+from .scattering import single_scattering
 from .tables import Table, preintegrate
 from .transfer_function import TransferFunction
 from .volume import Volume
@@ -41,5 +42,6 @@ __all__ = [
     "read_raw",
     "render",
     "set_num_threads",
+    "single_scattering",
 ]
 __version__ = "0.1.0"
