@@ -10,6 +10,7 @@ from .launch import get_num_threads, set_num_threads
 from .lighting import Lighting
 from .lights import DirectionalLight, Headlight
 from .renderer import Renderer, render
+from .shadows import ConvolutionShadows
 from .tables import Table, preintegrate
 from .transfer_function import TransferFunction
 from .volume import Volume
@@ -20,6 +21,7 @@ __all__ = [
     "Camera",
     "Certified",
     "Comparison",
+    "ConvolutionShadows",
     "DirectionalLight",
     "Exact",
     "Headlight",
