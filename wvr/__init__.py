@@ -11,6 +11,7 @@ from .lighting import Lighting
 from .lights import DirectionalLight, Headlight
 from .renderer import Renderer, render
 from .scattering import single_scattering
+from .shadows import ConvolutionShadows
 from .tables import Table, preintegrate
 from .transfer_function import TransferFunction
 from .volume import Volume
@@ -21,6 +22,7 @@ __all__ = [
     "Camera",
     "Certified",
     "Comparison",
+    "ConvolutionShadows",
     "DirectionalLight",
     "Exact",
     "Headlight",
