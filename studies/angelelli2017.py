@@ -18,7 +18,6 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -322,7 +321,8 @@ def figure5(folder: Path, scenes: list[Scene], views: int) -> None:
             # Of every number of subsamples the largest distance, of those the fastest.
             base = methods[name.replace("SCS", "ICS")]
             tried = [coarsest(scene, name, fine["ICS"], m, base.distance)[0] for m in SUBSAMPLES]
-            methods[name] = min(tried, key=partial(Method.milliseconds, scene=scene, views=1))
+            costs = {method: method.milliseconds(scene, 1) for method in tried}
+            methods[name] = min(costs, key=costs.__getitem__)
         times = {name: method.milliseconds(scene, views) for name, method in methods.items()}
         for name in ("ray cast", "Phong", "ICS", "SCS", "PI-ICS", "PI-SCS"):
             method, image = methods[name], methods[name].render(scene)
@@ -411,7 +411,7 @@ def figure7(folder: Path, scene: Scene) -> None:
 # --- What the paper leaves open ---------------------------------------------------------------------------------------
 
 
-VARIANTS: dict[str, dict[str, str]] = {
+VARIANTS: dict[str, dict[str, Any]] = {
     "paper: Lie, front light, fixed kernel": {"kernel": "fixed"},
     "Lie, front light": {},
     "Lie, mean light": {"received": "mean"},
