@@ -43,9 +43,10 @@ def make_labels(dtype, precision):
 
 
 @cache
-def make_label_span(dtype, precision):
-    """``label_span(labels, last, origin, direction, t, length)``: a ray's state from t on, and until where."""
-    Labels = make_labels(dtype, precision)
+def make_strongest():
+    """Of the states of a cell's corners: ``strongest(states, local, direction)`` -> state, weight, and
+    ``indicated(states, state, local, direction)`` -> weight of a state along a ray.
+    """
 
     @wp.func
     def strongest(states: vec8i, local: wp.vec3d, direction: wp.vec3d):
@@ -66,6 +67,40 @@ def make_label_span(dtype, precision):
         for n in range(8):
             indicator[n] = wp.where(states[n] == state, wp.float64(1.0), wp.float64(0.0))
         return cubic(indicator, local, direction)
+
+    return strongest, indicated
+
+
+@cache
+def make_label_at(dtype, precision):
+    """``label_at(labels, last, p)``: the state of a point."""
+    Labels = make_labels(dtype, precision)
+    strongest, _ = make_strongest()
+
+    @wp.func
+    def label_at(labels: Labels, last: wp.vec3i, p: wp.vec3d):
+        cell = cell_at(last, p)
+        found = labels.blocks[cell[2] // BLOCK, cell[1] // BLOCK, cell[0] // BLOCK]
+        if found == MIXED:
+            states = vec8i()
+            for n in range(8):
+                states[n] = int(labels.states[cell[2] + (n >> 2), cell[1] + ((n >> 1) & 1), cell[0] + (n & 1)])
+            found = states[0]
+            if wp.min(states) != wp.max(states):
+                local = p
+                for a in range(3):
+                    local[a] -= wp.float64(cell[a])
+                found, _weight = strongest(states, local, wp.vec3d())
+        return found
+
+    return label_at
+
+
+@cache
+def make_label_span(dtype, precision):
+    """``label_span(labels, last, origin, direction, t, length)``: a ray's state from t on, and until where."""
+    Labels = make_labels(dtype, precision)
+    strongest, indicated = make_strongest()
 
     @wp.func
     def label_span(

@@ -11,7 +11,9 @@ from .launch import get_num_threads, set_num_threads
 from .lighting import Lighting
 from .lights import DirectionalLight, Headlight
 from .renderer import Renderer, render
+from .scattering import single_scattering
 from .segmentation import Segmentation
+from .shadows import ConvolutionShadows
 from .tables import Table, preintegrate
 from .transfer_function import TransferFunction
 from .volume import Volume
@@ -26,6 +28,7 @@ __all__ = [
     "ClipSphere",
     "ClipVolume",
     "Comparison",
+    "ConvolutionShadows",
     "DirectionalLight",
     "Exact",
     "Headlight",
@@ -48,5 +51,6 @@ __all__ = [
     "read_raw",
     "render",
     "set_num_threads",
+    "single_scattering",
 ]
 __version__ = "0.1.0"

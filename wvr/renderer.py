@@ -30,19 +30,22 @@ from .kernels import blocks as small
 from .kernels.clip import Clip as ClipShape
 from .kernels.clip import make_clipping
 from .kernels.field import make_field
-from .kernels.importance import blocks, make_bends, make_distances, make_empty, make_ranges
+from .kernels.importance import BLOCK, blocks, make_bends, make_distances, make_empty, make_ranges
 from .kernels.label import make_label_blocks, make_label_kinds
 from .kernels.precision import REALS, vec4_of
 from .kernels.ray import TILE, View, item, tiles
 from .kernels.raycast import make_raycast
 from .kernels.scene import Light, Shading, Step, Steps, Variant, make_scene
+from .kernels.slices import make_finish
 from .kernels.table import make_table
 from .kernels.transfer import make_transfer
 from .launch import get_device, launch
 from .lighting import Lighting
 from .lights import Headlight
 from .segmentation import Segmentation
+from .shadows import ConvolutionShadows
 from .simplify import Simplified, simplify
+from .sweep import sweep_lights
 from .tables import (
     lit_tables,
     nodes_array,
@@ -79,6 +82,8 @@ class Renderer:
         One of them; by default the tolerance is 1/512. See :func:`render`.
     lighting
         Light on what is emitted; by default none.
+    shadows
+        Light that travels; by default none.
     precision
         ``"float32"``, ``"float64"`` or ``"auto"``; see :func:`render`.
     device
@@ -110,6 +115,7 @@ class Renderer:
         integrator: Integrator | None = None,
         tolerance: float | None = None,
         lighting: Lighting | None = None,
+        shadows: ConvolutionShadows | None = None,
         precision: str = "auto",
         device: Any = None,
         termination: float | None = None,
@@ -126,6 +132,7 @@ class Renderer:
         self.transfer_function = transfer_function
         self.integrator: Integrator = DEFAULT if integrator is None else integrator
         self.lighting = lighting
+        self.shadows = shadows
         self.precision = precision
         self.device = device
         self.termination = termination
@@ -157,27 +164,11 @@ class Renderer:
         precision = "float64" if rule in ("exact", "certified") else shown
         if rule == "exact":
             shown = precision
+        if self.shadows is not None and self.shadows.image == "slices":
+            return self._render_slices(self.shadows, camera, width, height, shown, device)
         real = REALS[precision]
         clips, labels = clip_list(self.clip), self.segmentation
-        fields = {np.dtype(clip.volume.dtype) for clip in clips if isinstance(clip, ClipVolume)}
-        variant = Variant(
-            wp.dtype_from_numpy(self.volume.dtype),
-            precision,
-            rule,
-            not self.volume.has_nonfinite,
-            self.skip_empty,
-            # Clip volumes of different dtypes are read as float64.
-            clips=wp.dtype_from_numpy(fields.pop() if len(fields) == 1 else np.float64 if fields else np.uint8)
-            if clips
-            else None,
-            clipped=any(not clip.naive and getattr(clip, "parts", None) is None for clip in clips),
-            naive=any(clip.naive for clip in clips),
-            parts=next((clip.parts for clip in clips if isinstance(clip, ClipVolume) and clip.parts), None),
-            labels=None if labels is None else wp.dtype_from_numpy(labels.states[1].dtype),
-        )
-        if self.lighting is not None:
-            mode = self.lighting.mode if rule == "preintegrated" else "point"
-            variant = replace(variant, lit=mode, gradient=self.lighting.gradient, material=self._material)
+        variant = self._variant(precision, rule)
         _check_memory(self.volume, clips, labels, width, height, device)
 
         scene = make_scene(variant)()
@@ -192,7 +183,7 @@ class Renderer:
         scene.transfer = transfers[0]
         tables = []
         if isinstance(self.integrator, Preintegrated | AdaptivePreintegrated):
-            tables = self._tables(precision, shift, device)
+            tables = self._tables("table", *self._table_kind(), precision, shift, device)
             scene.table = tables[0]
         if clips:
             scene.clipping = self._clipping(clips, variant, device)
@@ -232,6 +223,9 @@ class Renderer:
             "precision": shown,
             "integrator": repr(self.integrator),
         }
+        if self.shadows is not None:
+            stats |= self._shade(self.shadows, camera, rgba, precision, shown, device)[0]
+            stats["seconds"] += stats["seconds_shadows"]
         tracer = None
         if isinstance(self.integrator, AdaptiveSimpson):
             whole = "a ray" if self.integrator.scope == "ray" else f"a step of {self.integrator.h0:g} voxel spacings"
@@ -247,12 +241,111 @@ class Renderer:
             assert bound is not None
             error_bound = bound.numpy()
             over = int(np.count_nonzero(error_bound > self.integrator.tolerance))
-            covered = "all channels" if self.lighting is None else "opacity and the unlit integral, not the lighting"
+            extras = [name for name in ("lighting", "shadows") if getattr(self, name) is not None]
+            covered = f"opacity and the unlit integral, not the {' and '.join(extras)}" if extras else "all channels"
             stats["bound_covers"] = (
                 f"{covered}: where rays ended, simplification of the transfer function, series and rounding"
             )
             stats["rays_over_tolerance"] = over
         return Image(rgba.numpy().astype(shown, copy=False), count, error_bound, stats, self.background, tracer)
+
+    def _variant(self, precision: str, rule: str) -> Variant:
+        """What the scene has."""
+        clips, labels = clip_list(self.clip), self.segmentation
+        fields = {np.dtype(clip.volume.dtype) for clip in clips if isinstance(clip, ClipVolume)}
+        variant = Variant(
+            wp.dtype_from_numpy(self.volume.dtype),
+            precision,
+            rule,
+            not self.volume.has_nonfinite,
+            self.skip_empty,
+            # Clip volumes of different dtypes are read as float64.
+            clips=wp.dtype_from_numpy(fields.pop() if len(fields) == 1 else np.float64 if fields else np.uint8)
+            if clips
+            else None,
+            clipped=any(not clip.naive and getattr(clip, "parts", None) is None for clip in clips),
+            naive=any(clip.naive for clip in clips),
+            parts=next((clip.parts for clip in clips if isinstance(clip, ClipVolume) and clip.parts), None),
+            labels=None if labels is None else wp.dtype_from_numpy(labels.states[1].dtype),
+        )
+        if self.lighting is not None:
+            mode = self.lighting.mode if rule == "preintegrated" else "point"
+            variant = replace(variant, lit=mode, gradient=self.lighting.gradient, material=self._material)
+        return variant
+
+    def _render_slices(
+        self, shadows: ConvolutionShadows, camera: Camera, width: int, height: int, precision: str, device: wp.Device
+    ) -> Image:
+        """A frame composed of the slices of the shadows."""
+        _check_memory(self.volume, clip_list(self.clip), self.segmentation, width, height, device)
+        rgba = wp.empty((height, width), dtype=vec4_of(REALS[precision]), device=device)
+        stats, samples = self._shade(shadows, camera, rgba, precision, precision, device)
+        stats |= {
+            "seconds": stats["seconds_shadows"],
+            "rays": width * height,
+            "samples": int(samples.sum(dtype=np.int64)),
+            "bytes": self.volume.numpy().nbytes + rgba.capacity + samples.nbytes,
+            "device": device.name,
+            "precision": precision,
+            "integrator": repr(shadows),
+        }
+        return Image(rgba.numpy(), samples, None, stats, self.background, None)
+
+    def _shade(
+        self,
+        shadows: ConvolutionShadows,
+        camera: Camera,
+        rgba: wp.array,
+        precision: str,
+        swept: str,
+        device: wp.Device,
+    ) -> tuple[dict[str, Any], NDArray[np.int32]]:
+        """Puts an image of a ``precision`` into shadow, or makes it, by sweeps in the precision ``swept``.
+
+        Returns
+        -------
+        Statistics, and samples of the sweeps.
+        """
+        start = perf_counter()
+        height, width = rgba.shape
+        variant = self._variant(swept, "preintegrated" if shadows.preintegrated else "midpoint")
+        # Samples of slices are points: clips leave them or not, and light is that of points.
+        clips = clip_list(self.clip)
+        variant = replace(variant, clipped=False, naive=bool(clips), parts=None, lit="point" if variant.lit else "")
+        shift = self._shift()
+        scene = make_scene(variant)()
+        scene.view = view(self.volume, camera, width, height)
+        scene.steps = self._steps()
+        scene.field = self._field(variant, shift, device)
+        transfers = self._transfers(swept, shift, device)
+        scene.transfer = transfers[0]
+        tables = []
+        if shadows.preintegrated:
+            length = shadows.slice_distance / (shadows.subsamples + 1)
+            tables = self._tables("slab table", length, "stretchable", swept, shift, device)
+            scene.table = tables[0]
+        if clips:
+            scene.clipping = self._clipping(clips, variant, device, naive=True)
+        if self.segmentation is not None:
+            self._label(scene, variant, shift, transfers, tables, device)
+        if self.lighting is not None:
+            scene.shading, scene.lights = self._shading(self.lighting, device)
+        if self.skip_empty:
+            if self.segmentation is None:
+                scene.empty = self._empty(variant, shift, scene.transfer, device)
+            low, high = self._seen_box(scene.empty.numpy() == 0, int(BLOCK))
+            scene.view.low, scene.view.high = wp.vec3d(*low), wp.vec3d(*high)
+        light, slices, samples, count = sweep_lights(self.volume, camera, shadows, variant, scene, device)
+        share = shadows.image == "rays"
+        launch(make_finish(precision), width * height, [light, slices, share, rgba], device)
+        wp.synchronize_device(device)
+        stats = {
+            "seconds_shadows": perf_counter() - start,
+            "slices": count,
+            "shadow_samples": int(samples.sum(dtype=np.int64)),
+            "shadows": repr(shadows),
+        }
+        return stats, samples
 
     def _check(self, camera: Camera) -> None:
         for name, value, accepted in (
@@ -270,6 +363,8 @@ class Renderer:
             raise TypeError(f"integrator must be one of {names}, got {self.integrator!r}")
         if self.lighting is not None and not isinstance(self.lighting, Lighting):
             raise TypeError(f"lighting must be a Lighting or None, got {type(self.lighting).__name__}")
+        if self.shadows is not None and not isinstance(self.shadows, ConvolutionShadows):
+            raise TypeError(f"shadows must be ConvolutionShadows or None, got {type(self.shadows).__name__}")
         if self.lighting is not None and getattr(self.integrator, "generator", None) == "approximate":
             raise ValueError(
                 'integrator: lighting weighs where in a segment it is lit, which generator="approximate" leaves out; '
@@ -471,22 +566,22 @@ class Renderer:
             if variant.labels is None:
                 inputs = [data, extents, wp.float64(shift), scene.transfer, before, masks]
                 launch(small.make_masks(variant.dtype), masks.size, inputs, device)
-            return before, masks, *self._seen_box(before.numpy() > int(small.EMPTY))
+            return before, masks, *self._seen_box(before.numpy() > int(small.EMPTY), 1 << int(small.BITS))
 
         extents = self._keep("extents", (self.volume, device.alias), build_extents)
         key = (*self._kept["simplified"], self.volume, self.segmentation)
         return self._keep("kinds", key, build)
 
-    def _seen_box(self, seen: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Box of the small blocks (z, y, x) that are seen, in index coordinates; a point if none is."""
+    def _seen_box(self, seen: NDArray[np.bool_], size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Box of the blocks (z, y, x) of a ``size`` that are seen, in index coordinates; a point if none is."""
         low, high = self.volume.index_box
         if not seen.any():
             return low, low
         for axis in range(3):
             if self.volume.dimensions[axis] > 1:
-                at = np.flatnonzero(seen.any(axis=tuple(a for a in range(3) if a != 2 - axis))) << int(small.BITS)
+                at = np.flatnonzero(seen.any(axis=tuple(a for a in range(3) if a != 2 - axis))) * size
                 low[axis] = at[0]
-                high[axis] = min(high[axis], at[-1] + (1 << int(small.BITS)))
+                high[axis] = min(high[axis], at[-1] + size)
         return low, high
 
     def _buffer(self, name: str, shape: tuple[int, ...], dtype: Any, device: wp.Device) -> wp.array:
@@ -508,8 +603,8 @@ class Renderer:
 
         return self._keep("ranges", (self.volume, device.alias), build)
 
-    def _clipping(self, clips: list[Clip], variant: Variant, device: wp.Device) -> Any:
-        """The struct of all clips; of clip volumes, samples and their blocks' ranges are kept."""
+    def _clipping(self, clips: list[Clip], variant: Variant, device: wp.Device, naive: bool = False) -> Any:
+        """The struct of all clips, ``naive`` or as they are; of clip volumes, samples and blocks' ranges are kept."""
         ClipStruct, Clipping = make_clipping(variant.clips)
         dtype = np.dtype(wp.dtype_to_numpy(variant.clips))
 
@@ -543,11 +638,11 @@ class Renderer:
                 struct.field.last = wp.vec3i(*(n - 2 for n in reversed(data.shape)))
                 struct.iso = float(clip.iso)
                 struct.low, struct.high = (wp.vec3d(*corner) for corner in clip.volume.index_box)
-                name = "partial_volumes" if clip.parts else "naive_volumes" if clip.naive else "volumes"
+                name = "naive_volumes" if clip.naive or naive else "partial_volumes" if clip.parts else "volumes"
             else:
                 struct = placed(ClipShape(), clip, clip.world_to_shape)
                 struct.kind = clip.kind
-                name = "naive_shapes" if clip.naive else "shapes"
+                name = "naive_shapes" if clip.naive or naive else "shapes"
             groups.setdefault(name, []).append(struct)
         clipping = Clipping()
         for name, structs in groups.items():
@@ -620,15 +715,17 @@ class Renderer:
         key = (*self._kept["transfer"], self.volume, tolerance, self.segmentation)
         return self._keep("distances", key, build)
 
-    def _tables(self, precision: str, shift: float, device: wp.Device) -> list[Any]:
-        unit = self.volume.smallest_spacing
+    def _table_kind(self) -> tuple[float, str]:
+        """Length of the segments of the integrator's table, and what makes it."""
         if isinstance(self.integrator, Preintegrated):
-            length, generator = self.integrator.steps["step"], self.integrator.generator
-            n, domain = _table_shape(self.volume, self.integrator.table_size)
-        else:
-            length, generator = self.integrator.steps["shortest"], "stretchable"
-            n, domain = _table_shape(self.volume, None)
+            return self.integrator.steps["step"], self.integrator.generator
+        return self.integrator.steps["shortest"], "stretchable"
 
+    def _tables(
+        self, part: str, length: float, generator: str, precision: str, shift: float, device: wp.Device
+    ) -> list[Any]:
+        unit = self.volume.smallest_spacing
+        n, domain = _table_shape(self.volume, getattr(self.integrator, "table_size", None) if part == "table" else None)
         lit = self.lighting is not None and generator != "stretchable"
         make = lit_tables if lit else table_array
 
@@ -636,7 +733,7 @@ class Renderer:
             return lambda: make(tf, n, length, unit, domain, generator, precision, device)
 
         rest = (unit, length, n, domain, generator, precision, device.alias, lit)
-        built = self._keep_all("table", {(tf.key, *rest): build(tf) for tf in self._functions})
+        built = self._keep_all(part, {(tf.key, *rest): build(tf) for tf in self._functions})
         return [table_struct(tables, domain, shift, precision) for tables in built]
 
 
@@ -649,6 +746,7 @@ def render(
     integrator: Integrator | None = None,
     tolerance: float | None = None,
     lighting: Lighting | None = None,
+    shadows: ConvolutionShadows | None = None,
     background: str | Sequence[float] | None = None,
     precision: str = "auto",
     device: Any = None,
@@ -678,6 +776,10 @@ def render(
     lighting
         A :class:`Lighting`: light on what is emitted, by default none. A tolerance then holds for opacity and for the
         image without light; with light, colours converge as it decreases.
+    shadows
+        A :class:`ConvolutionShadows`: light that is attenuated and spread on its way, by default none. A tolerance then
+        holds for opacity and for the image without shadows. Colours lit by ``lighting``, if there is any, are in shadow
+        as a whole.
     background
         What display and PNG files put behind the volume: a colour name, ``"#rrggbb"`` or three linear numbers.
     precision
@@ -718,6 +820,7 @@ def render(
         integrator=integrator,
         tolerance=tolerance,
         lighting=lighting,
+        shadows=shadows,
         precision=precision,
         device=device,
         termination=termination,

@@ -1,0 +1,547 @@
+"""Angelelli and Bruckner, "Performance and Quality Analysis of Convolution-Based Volume Illumination" (2017).
+
+Figures 1 and 3 to 7 and Table 1, the paper's numbers beside ours, then what the paper leaves open: how fast the image
+converges in the slice distance, and how good the model is: ``python -m studies.angelelli2017 [--quick]``.
+Head, abdomen and bonsai (for the carp) are those of ``../shared/data`` where they lie there, else generated volumes
+stand in; the cardiac ultrasound is generated. Transfer functions and views are not published, so times compare in kind.
+
+What is judged by eye in the paper is a number here, ``aliasing``: stripes of slices and rings of steps are finer than
+shading, so an image's difference to a fine one of the same method loses its mean over a window of ``WINDOW`` pixels,
+and the root mean square of what is left, over the pixels that show anything, sRGB-encoded on white, is compared with
+``VISIBLE``. That is where the verdicts of the paper's Figure 1 come out for our carp, the bonsai: slices 0.33 voxel
+apart, and 1.3 with 4 subsamples, show no aliasing, and 1 without, and 1.5 with 5, do. A distance is free of it if all
+shorter ones are too.
+The paper's light is that at a slab's front, without splitting; its kernel is taken in proportion to the slice distance,
+so that the distances of one row show one scene.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass, replace
+from itertools import takewhile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+import wvr
+from benchmarks.harness import COLORS, save_figure
+from wvr.color import linear_to_srgb
+
+from .campagnolo2015 import DATA
+from .common import output, write_rows
+from .lighting import panels
+
+PAPER = json.loads((Path(__file__).parent / "data" / "angelelli2017.json").read_text(encoding="utf-8"))
+WINDOW = 9
+VISIBLE = 0.013
+DISTANCES = (0.25, 0.33, 0.5, 0.67, 1.0, 1.3, 1.5, 2.0, 3.0, 4.0)
+SUBSAMPLES = (1, 2, 3, 4, 5)
+FINE = 0.125
+
+# (volume, stand-in, control points, direction towards the camera, up), in the order of the paper's Figure 5.
+SCENES: dict[str, tuple[str | None, str, list, tuple, tuple]] = {
+    "bonsai": (
+        "bonsai",
+        "tree",
+        [(38, (0.1, 0.35, 0.05), 0.0), (50, (0.25, 0.6, 0.1), 0.5), (95, (0.5, 0.4, 0.15), 0.7), (140, "peru", 0.9)],
+        (0.3, 0.3, 1),
+        (0, 1, 0),
+    ),
+    "head, skin": (
+        "cthead",
+        "shepp_logan",
+        [(350, "peachpuff", 0.0), (700, "peachpuff", 0.6), (1300, "ivory", 0.9)],
+        (-0.6, -1, -0.15),
+        (0, 0, -1),
+    ),
+    "head, bone": (
+        "cthead",
+        "shepp_logan",
+        [(800, "salmon", 0.0), (1050, "salmon", 0.03), (1200, "ivory", 0.05), (1350, "ivory", 0.8)],
+        (-0.6, -1, -0.15),
+        (0, 0, -1),
+    ),
+    "abdomen": (
+        "stent",
+        "gyroid",
+        [(180, "firebrick", 0.0), (260, "firebrick", 0.25), (420, "ivory", 0.5), (800, "white", 0.9)],
+        (0.25, 1, 0.1),
+        (0, 0, 1),
+    ),
+    "ultrasound": (
+        None,
+        "heart",
+        [(62, "darkred", 0.0), (75, "salmon", 0.3), (160, "mistyrose", 0.5)],
+        (0.25, -1, 0.35),
+        (0, 0, 1),
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is shown, and from where."""
+
+    name: str
+    volume: wvr.Volume
+    tf: wvr.TransferFunction
+    direction: tuple[float, float, float]
+    up: tuple[float, float, float]
+    size: int
+
+    def camera(self, turn: float = 0.0) -> wvr.Camera:
+        """Turned about the upward axis [radians]."""
+        axis = np.array(self.up, float)
+        d = np.array(self.direction, float)
+        turned = d * np.cos(turn) + np.cross(axis, d) * np.sin(turn) + axis * (axis @ d) * (1 - np.cos(turn))
+        return wvr.Camera.fit(self.volume, turned, self.up, view_angle=20.0)
+
+
+def make_scene(name: str, size: int, quick: bool) -> Scene:
+    """A scene of the paper or its stand-in."""
+    stem, generated, points, direction, up = SCENES[name]
+    path = DATA / f"{stem}.nrrd"
+    if stem is not None and path.exists() and not quick:
+        volume = wvr.read(path)
+    else:
+        data = wvr.datasets.load(generated, 32 if quick else 192).numpy()
+        if stem is None:
+            # Cropped as a sonographer does, to look into the ventricles.
+            data = np.ascontiguousarray(data[:, data.shape[1] // 2 :])
+        else:
+            low, high = data.min(), data.max()
+            data = ((data - low) * ((points[-1][0] * 1.1) / (high - low))).astype(np.float32)
+        volume = wvr.Volume(data)
+    return Scene(name, volume, wvr.TransferFunction(points), direction, up, size)
+
+
+def key_light(camera: wvr.Camera) -> wvr.DirectionalLight:
+    """From the viewer's upper left."""
+    right, up, forward = camera.basis()
+    return wvr.DirectionalLight(tuple(up - right - 1.8 * forward))
+
+
+# --- Methods and what they are judged by ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Method:
+    """A contender of the paper at one setting: "ray cast", "Phong", "ICS", "SCS", "PI-ICS" or "PI-SCS"."""
+
+    name: str
+    distance: float
+    subsamples: int = 0
+
+    def renderer(self, scene: Scene, **shadows: Any) -> wvr.Renderer:
+        """Ready to render; light is set with each view."""
+        if self.name in ("ray cast", "Phong"):
+            return wvr.Renderer(scene.volume, scene.tf, integrator=wvr.Riemann(self.distance))
+        options = {"splitting": "lie", "received": "front", "image": "slices"} | shadows
+        sweep = wvr.ConvolutionShadows(self.distance, self.subsamples, self.name.startswith("PI"), **options)
+        return wvr.Renderer(scene.volume, scene.tf, shadows=sweep)
+
+    def render(
+        self, scene: Scene, renderer: wvr.Renderer | None = None, turn: float = 0.0, **shadows: Any
+    ) -> wvr.Image:
+        """A view with the light that goes with it."""
+        renderer = self.renderer(scene, **shadows) if renderer is None else renderer
+        camera = scene.camera(turn)
+        light = key_light(camera)
+        if self.name == "Phong":
+            renderer.lighting = wvr.Lighting(light=light)
+        elif renderer.shadows is not None:
+            renderer.shadows = replace(renderer.shadows, light=light)
+        return renderer.render(camera, (scene.size, scene.size))
+
+    def measured(self, scene: Scene, views: int) -> tuple[wvr.Image, float]:
+        """The image, and the mean milliseconds of a frame over viewpoints all around; what is kept is built before."""
+        renderer = self.renderer(scene)
+        self.render(replace(scene, size=8), renderer)
+        images = [self.render(scene, renderer, 2 * np.pi * view / views) for view in range(views)]
+        return images[0], 1e3 * float(np.mean([image.stats["seconds"] for image in images]))
+
+    def __str__(self) -> str:
+        return f"{self.name} {self.distance:g}" + (f", {self.subsamples} subsamples" if self.subsamples else "")
+
+
+def shown(image: wvr.Image) -> NDArray[np.float64]:
+    """As on a screen: sRGB-encoded, on white."""
+    return linear_to_srgb(np.clip(image.composited("white"), 0, 1))
+
+
+def aliasing(image: wvr.Image, fine: wvr.Image) -> float:
+    """Root mean square of what is fine in the difference, over the pixels that show anything."""
+    difference = shown(image) - shown(fine)
+    window = np.lib.stride_tricks.sliding_window_view(
+        np.pad(difference, [(WINDOW // 2,) * 2] * 2 + [(0, 0)], "edge"), (WINDOW, WINDOW), (0, 1)
+    )
+    return rms((difference - window.mean((-2, -1)))[fine.rgba[..., 3] > 0])
+
+
+def reference(scene: Scene, name: str) -> wvr.Image:
+    """What a method converges to."""
+    return (
+        Method(name, FINE / 2).render(scene) if name in ("ray cast", "Phong") else Method("PI-ICS", FINE).render(scene)
+    )
+
+
+def threads() -> str:
+    """For titles."""
+    return f"{wvr.get_num_threads()} threads"
+
+
+def rms(values: NDArray[np.floating]) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64))))
+
+
+def errors_by_distance(
+    scene: Scene, name: str, fine: wvr.Image, subsamples: int = 0, least: float = 0.0, every: bool = False
+) -> list[tuple[Method, float]]:
+    """Methods and their aliasing for growing distances, up to the first that shows it, or for all."""
+    found: list[tuple[Method, float]] = []
+    for distance in DISTANCES:
+        if distance >= least:
+            method = Method(name, distance, subsamples)
+            found.append((method, aliasing(method.render(scene), fine)))
+            if found[-1][1] > VISIBLE and not every:
+                break
+    return found
+
+
+def coarsest(found: list[tuple[Method, float]]) -> Method | None:
+    """The last before the first that shows aliasing."""
+    clean = [method for method, _ in takewhile(lambda one: one[1] <= VISIBLE, found)]
+    return clean[-1] if clean else None
+
+
+# --- Figures 1 and 3, Figure 4 and Table 1 ----------------------------------------------------------------------------
+
+
+def figure1(folder: Path, scene: Scene, views: int) -> None:
+    """The paper's teaser: what supersampling saves, and where it shows."""
+    methods = {
+        "Phong": Method("Phong", 0.33),
+        "ICS 0.33": Method("ICS", 0.33),
+        "ICS 1": Method("ICS", 1.0),
+        "SCS 1.3, 4 subsamples": Method("SCS", 1.3, 4),
+        "SCS 1.5, 5 subsamples": Method("SCS", 1.5, 5),
+    }
+    fine = Method("PI-ICS", FINE).render(scene)
+    images, rows = {}, []
+    for name, method in methods.items():
+        image, ms = method.measured(scene, views)
+        paper = PAPER["figure 1"][name]
+        row: dict[str, Any] = {"method": name, "ms": ms, "paper ms": paper}
+        if name != "Phong":
+            row |= {"aliasing": aliasing(image, fine), "mean difference": float(np.abs(image.rgba - fine.rgba).mean())}
+        rows.append(row)
+        images[name] = image, f"{row['ms']:.0f} ms, the paper's {paper}"
+    for row in rows:
+        row |= {"of ICS 0.33": row["ms"] / rows[1]["ms"], "paper of ICS 0.33": row["paper ms"] / rows[1]["paper ms"]}
+    write_rows(folder, "figure1", f"Figure 1: {scene.name} for the carp, {views} views, {threads()}", rows)
+    panels(folder, "figure1", images)
+    middle = slice(scene.size * 2 // 5, scene.size * 3 // 5)
+    panels(folder, "figure1-closeup", images, (middle, middle))
+
+
+def figure3(folder: Path, scene: Scene) -> None:
+    """Aliasing by slice distance."""
+    names = ("ray cast", "ICS", "PI-ICS")
+    found = {name: errors_by_distance(scene, name, reference(scene, name), every=True) for name in names}
+    rows: list[dict[str, Any]] = [{"distance": distance} for distance in DISTANCES]
+    figure = Figure(figsize=(5, 3.4), layout="constrained")
+    axes = figure.subplots()
+    for i, (name, errors) in enumerate(found.items()):
+        best = coarsest(errors)
+        for row, (_, error) in zip(rows, errors, strict=True):
+            row[name] = error
+        axes.loglog(
+            DISTANCES,
+            [error for _, error in errors],
+            "os^"[i] + "-",
+            ms=4,
+            color=COLORS[i],
+            label=f"{name}, up to {best.distance:g}" if best else f"{name}, none",
+        )
+    axes.axhline(VISIBLE, color="0.6", lw=0.8)
+    axes.set(xlabel="slice distance, step [voxels]", ylabel="aliasing", title=scene.name)
+    axes.legend(frameon=False)
+    axes.grid(color="0.9")
+    save_figure(figure, folder / "figure3-aliasing")
+    write_rows(folder, "figure3", f"Figure 3: aliasing by distance, {scene.name}; visible from {VISIBLE:.1e}", rows)
+    images = {}
+    for name in names[1:]:
+        for method, error in found[name]:
+            if method.distance in (0.5, 1.0, 2.0):
+                images[f"{name} {method.distance:g}"] = method.render(scene), f"aliasing {error:.4f}"
+    third = slice(scene.size // 3, scene.size * 2 // 3)
+    panels(folder, "figure3", images, (third, third))
+
+
+def table1(folder: Path, scene: Scene, views: int) -> None:
+    """Time and difference over slice distances and subsamples."""
+    rows, images = [], {}
+    first: wvr.Image | None = None
+    paper = PAPER["table 1"]
+    for distance in (0.2, 0.4, 0.6, 0.8):
+        for subsamples in range(4):
+            method = Method("SCS" if subsamples else "ICS", distance, subsamples)
+            image, ms = method.measured(scene, views)
+            first = image if first is None else first
+            rows.append(
+                {
+                    "distance": distance,
+                    "subsamples": subsamples,
+                    "ms": ms,
+                    "paper ms": paper["milliseconds"][f"{distance:g}"][subsamples],
+                    "difference": float(np.abs(image.rgba - first.rgba).mean()),
+                    "paper difference": paper["difference"][f"{distance:g}"][subsamples],
+                }
+            )
+            if subsamples in (0, 3) and distance in (0.2, 0.8):
+                images[f"{distance:g}, {subsamples} subsamples"] = image, f"difference {rows[-1]['difference']:.4f}"
+    for row in rows:
+        row |= {"of first": row["ms"] / rows[0]["ms"], "paper of first": row["paper ms"] / rows[0]["paper ms"]}
+    write_rows(folder, "table1", f"Table 1 and Figure 4: {scene.name}, {views} views, {threads()}", rows)
+    panels(folder, "figure4", images)
+
+
+# --- Figures 5, 6 and 7 -----------------------------------------------------------------------------------------------
+
+
+def settled(scene: Scene, fine: dict[str, wvr.Image]) -> dict[str, Method]:
+    """Every method at its fastest setting without aliasing; where even the finest shows it, that one."""
+    methods = {}
+    for name in ("ray cast", "Phong", "ICS", "PI-ICS"):
+        found = errors_by_distance(scene, name, fine.get(name, fine["ICS"]))
+        methods[name] = coarsest(found) or found[0][0]
+    for name in ("SCS", "PI-SCS"):
+        # For every number of subsamples the largest distance, which grows; of those the fastest.
+        farthest = methods[name.replace("SCS", "ICS")].distance
+        costs = {}
+        for subsamples in SUBSAMPLES:
+            method = coarsest(errors_by_distance(scene, name, fine["ICS"], subsamples, farthest))
+            if method is not None:
+                costs[method] = method.measured(scene, 1)[1]
+                farthest = method.distance
+        methods[name] = min(costs, key=costs.__getitem__) if costs else Method(name, DISTANCES[0], 1)
+    return {name: methods[name] for name in ("ray cast", "Phong", "ICS", "SCS", "PI-ICS", "PI-SCS")}
+
+
+def figure5(folder: Path, scenes: list[Scene], views: int) -> None:
+    """Every method at its largest distance without aliasing: what it costs."""
+    rows: list[dict[str, Any]] = []
+    images = []
+    for scene in scenes:
+        fine = {name: reference(scene, name) for name in ("ray cast", "Phong", "ICS")}
+        for method in settled(scene, fine).values():
+            image, ms = method.measured(scene, views)
+            truth = fine.get(method.name, fine["ICS"])
+            rows.append(
+                {
+                    "scene": scene.name,
+                    "method": method.name,
+                    "distance": method.distance,
+                    "subsamples": method.subsamples,
+                    "ms": ms,
+                    "aliasing": aliasing(image, truth),
+                    "mean difference": float(np.abs(image.rgba - truth.rgba).mean()),
+                }
+            )
+            images.append((f"{method}\n{ms:.0f} ms", image))
+        by_name = {row["method"]: row["ms"] for row in rows[-6:]}
+        for row in rows[-6:]:
+            row |= {
+                "faster than ICS [%]": 100 * (by_name["ICS"] / row["ms"] - 1),
+                "of Phong": row["ms"] / by_name["Phong"],
+            }
+    title = f"Figure 5: methods at their largest distance without aliasing, {views} views, {threads()}"
+    write_rows(folder, "figure5", title, rows)
+    gain = {row["scene"]: row["faster than ICS [%]"] for row in rows if row["method"] == "SCS"}
+    paper = PAPER["speed-up over ICS, per cent"]
+    claims = [
+        {"SCS over ICS [%]": "mean", "paper": paper["mean"], "here": float(np.mean(list(gain.values())))},
+        {"SCS over ICS [%]": "worst", "paper": paper["worst"], "here": min(gain.values())},
+    ] + [
+        {"SCS over ICS [%]": f"sharp: {name}", "paper": f"> {paper['sharp']}", "here": gain[name]}
+        for name in ("bonsai", "ultrasound")
+    ]
+    write_rows(folder, "claims", "Speed-ups of section 5.3", claims)
+    figure = Figure(figsize=(15, 2.9 * len(scenes)), layout="constrained")
+    for axes, (text, image) in zip(figure.subplots(len(scenes), 6).flat, images, strict=True):
+        axes.imshow(shown(image))
+        axes.set_title(text, fontsize="small")
+        axes.axis("off")
+    save_figure(figure, folder / "figure5")
+
+
+def figure6(folder: Path, scene: Scene, views: int) -> None:
+    """What a subsample costs."""
+    rows = []
+    figure = Figure(figsize=(5, 3.4), layout="constrained")
+    axes = figure.subplots()
+    for i, (name, distance) in enumerate((n, d) for n in ("SCS", "PI-SCS") for d in (1.0, 2.0)):
+        times = [Method(name, distance, m).measured(scene, views)[1] for m in (0, *SUBSAMPLES)]
+        for m, time in enumerate(times):
+            rows.append({"method": name, "distance": distance, "subsamples": m, "ms": time, "of none": time / times[0]})
+        axes.plot(
+            np.array(times) / times[0], "os^D"[i] + "-", ms=4, color=COLORS[i], label=f"{name}, distance {distance:g}"
+        )
+    axes.set(xlabel="subsamples", ylabel="time over that of none", title=scene.name)
+    axes.legend(frameon=False)
+    axes.grid(color="0.9")
+    save_figure(figure, folder / "figure6")
+    write_rows(folder, "figure6", f"Figure 6: cost of a subsample, {scene.name}, {views} views, {threads()}", rows)
+
+
+def figure7(folder: Path, scene: Scene) -> None:
+    """Ultrasound, supersampled at ever larger distances: shading on surfaces goes, far shadows stay."""
+    methods = [
+        Method("ICS", 0.67),
+        Method("SCS", 1.34, 1),
+        Method("SCS", 2.0, 2),
+        Method("ICS", 2.0),
+        Method("SCS", 3.0, 4),
+        Method("Phong", 0.33),
+    ]
+    fine = reference(scene, "ICS")
+    images, rows = {}, []
+    for method in methods:
+        image = method.render(scene)
+        images[str(method)] = image, ""
+        if method.name != "Phong":
+            rows.append(
+                {
+                    "method": str(method),
+                    "aliasing": aliasing(image, fine),
+                    "mean difference": float(np.abs(image.rgba - fine.rgba).mean()),
+                }
+            )
+            images[str(method)] = image, f"aliasing {rows[-1]['aliasing']:.4f}"
+    write_rows(folder, "figure7", "Figure 7: the generated ultrasound against slices a voxel eighth apart", rows)
+    panels(folder, "figure7", images)
+
+
+# --- What the paper leaves open ---------------------------------------------------------------------------------------
+
+
+VARIANTS: dict[str, dict[str, Any]] = {
+    "paper: Lie, front light, fixed kernel": {"kernel": "fixed"},
+    "Lie, front light": {},
+    "Lie, mean light": {"received": "mean"},
+    "Strang, front light": {"splitting": "strang"},
+    "Strang, mean light": {"splitting": "strang", "received": "mean"},
+}
+
+
+def convergence(folder: Path, size: int) -> None:
+    """Order of the image in the slice distance, on a smooth scene."""
+    volume = wvr.datasets.load("blobs", 48)
+    tf = wvr.TransferFunction([(0, "orange", 0.0), (255, "royalblue", 0.4)])
+    scene = Scene("blobs", volume, tf, (1, 0.6, 0.4), (0, 0, 1), size)
+    distances = np.array([2.0, 1.0, 0.5, 0.25])
+    fine = Method("ICS", 1 / 32).render(scene, **VARIANTS["Strang, mean light"]).rgba
+    rows = []
+    figure = Figure(figsize=(5, 3.6), layout="constrained")
+    axes = figure.subplots()
+    for i, (name, options) in enumerate(VARIANTS.items()):
+        errors = [float(np.abs(Method("ICS", d).render(scene, **options).rgba - fine).mean()) for d in distances]
+        order = float(np.polyfit(np.log(distances), np.log(errors), 1)[0])
+        rows.append(
+            {"variant": name} | {f"{d:g}": e for d, e in zip(distances, errors, strict=True)} | {"order": order}
+        )
+        axes.loglog(distances, errors, "os^Dv"[i] + "-", ms=4, color=COLORS[i], label=f"{name}: {order:.1f}")
+    axes.set(xlabel="slice distance [voxels]", ylabel="mean error")
+    axes.legend(frameon=False, fontsize="x-small", title="order", title_fontsize="x-small")
+    axes.grid(color="0.9")
+    save_figure(figure, folder / "convergence")
+    write_rows(folder, "convergence", "Mean error against slices 1/32 voxel apart, Strang and mean light", rows)
+
+
+def model(folder: Path, scene: Scene, directions: int) -> None:
+    """How far light that diffuses is from light that is scattered once, and how much of that is what a cone means."""
+    rows, images = [], {}
+    light = key_light(scene.camera())
+    unlit = wvr.render(scene.volume, scene.tf, scene.camera(), (scene.size,) * 2)
+    for spread in (5.0, 10.0, 20.0, 40.0):
+        truth = wvr.single_scattering(
+            scene.volume,
+            scene.tf,
+            scene.camera(),
+            (scene.size,) * 2,
+            light=light,
+            spread=spread,
+            directions=directions,
+            step=0.5,
+        )
+        image = Method("PI-ICS", 0.25).render(scene, spread=spread, **VARIANTS["Strang, mean light"])
+        seen = truth.rgba[..., 3] > 0
+        difference, shadow = (np.abs(a.rgba - truth.rgba)[seen][:, :3] for a in (image, unlit))
+        row = {
+            "spread": spread,
+            "mean difference": float(difference.mean()),
+            "root mean square": rms(difference),
+            "of all that shadows do [%]": 100 * float(difference.mean() / shadow.mean()),
+            "brighter [%]": 100 * float(image.rgba[seen][:, :3].mean() / truth.rgba[seen][:, :3].mean() - 1),
+            "reference s": truth.stats["seconds"],
+            "sweep s": image.stats["seconds"],
+        }
+        rows.append(row)
+        if spread in (5.0, 20.0):
+            images[f"scattered, {spread:g} degrees"] = truth, f"{row['reference s']:.0f} s"
+            images[f"swept, {spread:g} degrees"] = image, f"mean difference {row['mean difference']:.3f}"
+    title = f"Sweep, slices 0.25 apart, against single scattering, {directions} directions: {scene.name}"
+    write_rows(folder, f"model-{scene.name.split(',')[0]}", title, rows)
+    panels(folder, f"model-{scene.name.split(',')[0]}", images)
+
+
+def streaming(folder: Path, size: int, n: int, frames: int) -> None:
+    """A beating heart, a new volume each frame: what a frame costs, and what is built for it."""
+    tf = wvr.TransferFunction(SCENES["ultrasound"][2])
+    renderer = None
+    rows, images = [], {}
+    for frame in range(frames):
+        data = wvr.datasets.load("heart", n, phase=frame / frames).numpy()
+        volume = wvr.Volume(np.ascontiguousarray(data[:, n // 2 :]))
+        if renderer is None:
+            scene = Scene("ultrasound", volume, tf, *SCENES["ultrasound"][3:], size)
+            shadows = wvr.ConvolutionShadows(light=key_light(scene.camera()))
+            renderer = wvr.Renderer(volume, tf, integrator=wvr.Preintegrated(1.0), shadows=shadows)
+        renderer.volume = volume
+        before = renderer.builds.copy()
+        image = renderer.render(scene.camera(), (size, size))
+        built = ", ".join(sorted(part for part, count in (renderer.builds - before).items() if count))
+        rows.append({"frame": frame, "ms": 1e3 * image.stats["seconds"], "built": built})
+        if frame % -(-frames // 5) == 0:
+            images[f"frame {frame} of {frames}"] = image, f"{rows[-1]['ms']:.0f} ms"
+    write_rows(folder, "streaming", f"A new volume each frame, {size} x {size}, {threads()}", rows)
+    panels(folder, "streaming", images)
+
+
+def main(*arguments: str) -> None:
+    """Run all parts; ``--quick`` is small and takes generated volumes, ``--size=`` and ``--views=`` change the rest."""
+    quick = "--quick" in arguments
+    given = dict(argument[2:].split("=") for argument in arguments if "=" in argument)
+    size, views = int(given.get("size", 48 if quick else 512)), int(given.get("views", 2 if quick else 100))
+    folder = output("angelelli2017")
+    scenes = {name: make_scene(name, size, quick) for name in SCENES}
+    convergence(folder, 24 if quick else 128)
+    for name in ("bonsai", "head, bone"):
+        model(folder, replace(scenes[name], size=24 if quick else 192), 8 if quick else 64)
+    streaming(folder, size, 32 if quick else 128, 3 if quick else 20)
+    figure1(folder, scenes["bonsai"], views)
+    figure3(folder, scenes["head, bone"])
+    figure7(folder, scenes["ultrasound"])
+    figure6(folder, scenes["head, bone"], views)
+    table1(folder, scenes["head, bone"], views)
+    figure5(folder, list(scenes.values()), views)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
