@@ -2,7 +2,7 @@
 
 import sys
 
-from . import campagnolo2015, frontier, lum2004, roettger2003, stability
+from . import angelelli2017, campagnolo2015, frontier, lum2004, roettger2003, stability
 
-for study in (lum2004, roettger2003, campagnolo2015, stability, frontier):
+for study in (lum2004, roettger2003, campagnolo2015, angelelli2017, stability, frontier):
     study.main(*sys.argv[1:])

@@ -437,6 +437,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "Lie, mean light": {"received": "mean"},
     "Strang, front light": {"splitting": "strang"},
     "Strang, mean light": {"splitting": "strang", "received": "mean"},
+    "the same, fixed kernel": {"splitting": "strang", "received": "mean", "kernel": "fixed"},
 }
 
 
@@ -456,7 +457,7 @@ def convergence(folder: Path, size: int) -> None:
         rows.append(
             {"variant": name} | {f"{d:g}": e for d, e in zip(distances, errors, strict=True)} | {"order": order}
         )
-        axes.loglog(distances, errors, "os^Dv"[i] + "-", ms=4, color=COLORS[i], label=f"{name}: {order:.1f}")
+        axes.loglog(distances, errors, "os^DvP"[i] + "-", ms=4, color=COLORS[i], label=f"{name}: {order:.1f}")
     axes.set(xlabel="slice distance [voxels]", ylabel="mean error")
     axes.legend(frameon=False, fontsize="x-small", title="order", title_fontsize="x-small")
     axes.grid(color="0.9")
