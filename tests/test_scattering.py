@@ -236,7 +236,9 @@ def test_diffusion_is_the_cones(device):
 
 @pytest.mark.parametrize("parallel", [False, True])
 @pytest.mark.parametrize(
-    "light", [wvr.Headlight(), wvr.DirectionalLight((0.3, 1, 0.9)), wvr.DirectionalLight((-1, 0.3, 0.1))], ids=repr
+    "light",
+    [wvr.Headlight(), wvr.DirectionalLight((0.3, 1, 0.9)), wvr.DirectionalLight((-1, 0.3, 0.1))],
+    ids=["headlight", "before", "behind"],
 )
 def test_sweep_is_single_scattering(device, blobs, light, parallel):
     """Without spread the same model, in the image's centre and at its borders, from before and from behind; with it
