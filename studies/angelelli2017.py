@@ -1,9 +1,9 @@
 """Angelelli and Bruckner, "Performance and Quality Analysis of Convolution-Based Volume Illumination" (2017).
 
 Figures 1 and 3 to 7 and Table 1, the paper's numbers beside ours, then what the paper leaves open: how fast the image
-converges in the slice distance, and how good the model is: ``python -m studies.angelelli2017 [--quick]``.
-Head, abdomen and bonsai (for the carp) are those of ``../shared/data`` where they lie there, else generated volumes
-stand in; the cardiac ultrasound is generated. Transfer functions and views are not published, so times compare in kind.
+converges in the slice distance, and how good the model is. Head, abdomen and bonsai (for the carp) are scans where they
+are there, else generated volumes stand in; the cardiac ultrasound is generated. Transfer functions and views are not
+published, so times compare in kind.
 
 What is judged by eye in the paper is a number here, ``aliasing``: stripes of slices and rings of steps are finer than
 shading, so an image's difference to a fine one of the same method loses its mean over a window of ``WINDOW`` pixels,
@@ -17,9 +17,8 @@ so that the distances of one row show one scene.
 
 from __future__ import annotations
 
-import json
-import sys
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -32,11 +31,16 @@ import wvr
 from benchmarks.harness import COLORS, save_figure
 from wvr.color import linear_to_srgb
 
-from .campagnolo2015 import DATA
-from .common import output, write_rows
+from .common import spread as from_to
+from .common import write_rows
 from .lighting import panels
+from .scenes import DATA
+from .study import Study
 
-PAPER = json.loads((Path(__file__).parent / "data" / "angelelli2017.json").read_text(encoding="utf-8"))
+STUDY = Study("angelelli2017")
+PAPER = STUDY.paper
+# Viewpoints that times are means of; the paper has 100.
+VIEWS = 6
 WINDOW = 9
 VISIBLE = 0.013
 DISTANCES = (0.25, 0.33, 0.5, 0.67, 1.0, 1.3, 1.5, 2.0, 3.0, 4.0)
@@ -102,8 +106,10 @@ class Scene:
         return wvr.Camera.fit(self.volume, turned, self.up, view_angle=20.0)
 
 
-def make_scene(name: str, size: int, quick: bool) -> Scene:
+@cache
+def make_scene(name: str, quick: bool) -> Scene:
     """A scene of the paper or its stand-in."""
+    size = 48 if quick else 512
     stem, generated, points, direction, up = SCENES[name]
     path = DATA / f"{stem}.nrrd"
     if stem is not None and path.exists() and not quick:
@@ -141,7 +147,7 @@ class Method:
         """Ready to render; light is set with each view."""
         if self.name in ("ray cast", "Phong"):
             return wvr.Renderer(scene.volume, scene.tf, integrator=wvr.Riemann(self.distance))
-        options = {"splitting": "lie", "received": "front", "image": "slices"} | shadows
+        options: dict[str, Any] = {"splitting": "lie", "received": "front", "image": "slices", "cell": 1.0} | shadows
         sweep = wvr.ConvolutionShadows(self.distance, self.subsamples, self.name.startswith("PI"), **options)
         return wvr.Renderer(scene.volume, scene.tf, shadows=sweep)
 
@@ -190,9 +196,10 @@ def reference(scene: Scene, name: str) -> wvr.Image:
     )
 
 
-def threads() -> str:
-    """For titles."""
-    return f"{wvr.get_num_threads()} threads"
+def timing(quick: bool) -> tuple[int, str]:
+    """Viewpoints, and what a title says of times."""
+    views = 2 if quick else VIEWS
+    return views, f"{views} views, {wvr.get_num_threads()} threads"
 
 
 def rms(values: NDArray[np.floating]) -> float:
@@ -223,8 +230,11 @@ def coarsest(found: list[tuple[Method, float]]) -> Method | None:
 # --- Figures 1 and 3, Figure 4 and Table 1 ----------------------------------------------------------------------------
 
 
-def figure1(folder: Path, scene: Scene, views: int) -> None:
+@STUDY.part("Figure 1")
+def figure1(folder: Path, quick: bool) -> str:
     """The paper's teaser: what supersampling saves, and where it shows."""
+    scene = make_scene("bonsai", quick)
+    views, timed = timing(quick)
     methods = {
         "Phong": Method("Phong", 0.33),
         "ICS 0.33": Method("ICS", 0.33),
@@ -244,14 +254,19 @@ def figure1(folder: Path, scene: Scene, views: int) -> None:
         images[name] = image, f"{row['ms']:.0f} ms, the paper's {paper}"
     for row in rows:
         row |= {"of ICS 0.33": row["ms"] / rows[1]["ms"], "paper of ICS 0.33": row["paper ms"] / rows[1]["paper ms"]}
-    write_rows(folder, "figure1", f"Figure 1: {scene.name} for the carp, {views} views, {threads()}", rows)
+    write_rows(folder, "figure1", f"Figure 1: {scene.name} for the carp, {timed}", rows)
     panels(folder, "figure1", images)
-    middle = slice(scene.size * 2 // 5, scene.size * 3 // 5)
-    panels(folder, "figure1-closeup", images, (middle, middle))
+    panels(folder, "figure1-closeup", images, zoom=5)
+    share = ", ".join(
+        f"{row['method']} {row['of ICS 0.33']:.2f} (paper {row['paper of ICS 0.33']:.2f})" for row in rows
+    )
+    return f"Time over that of ICS 0.33: {share}."
 
 
-def figure3(folder: Path, scene: Scene) -> None:
+@STUDY.part("Figure 3")
+def figure3(folder: Path, quick: bool) -> str:
     """Aliasing by slice distance."""
+    scene = make_scene("head, bone", quick)
     names = ("ray cast", "ICS", "PI-ICS")
     found = {name: errors_by_distance(scene, name, reference(scene, name), every=True) for name in names}
     rows: list[dict[str, Any]] = [{"distance": distance} for distance in DISTANCES]
@@ -271,6 +286,8 @@ def figure3(folder: Path, scene: Scene) -> None:
         )
     axes.axhline(VISIBLE, color="0.6", lw=0.8)
     axes.set(xlabel="slice distance, step [voxels]", ylabel="aliasing", title=scene.name)
+    axes.set_xticks(DISTANCES, [f"{d:g}" for d in DISTANCES], fontsize="x-small")
+    axes.minorticks_off()
     axes.legend(frameon=False)
     axes.grid(color="0.9")
     save_figure(figure, folder / "figure3-aliasing")
@@ -280,12 +297,17 @@ def figure3(folder: Path, scene: Scene) -> None:
         for method, error in found[name]:
             if method.distance in (0.5, 1.0, 2.0):
                 images[f"{name} {method.distance:g}"] = method.render(scene), f"aliasing {error:.4f}"
-    third = slice(scene.size // 3, scene.size * 2 // 3)
-    panels(folder, "figure3", images, (third, third))
+    panels(folder, "figure3", images, zoom=3)
+    largest = {name: coarsest(errors) for name, errors in found.items()}
+    said = ", ".join(f"{name} {method.distance:g}" if method else f"{name} none" for name, method in largest.items())
+    return f"Largest distance without aliasing [voxels]: {said}."
 
 
-def table1(folder: Path, scene: Scene, views: int) -> None:
+@STUDY.part("Table 1, Figure 4")
+def table1(folder: Path, quick: bool) -> str:
     """Time and difference over slice distances and subsamples."""
+    scene = make_scene("ultrasound", quick)
+    views, timed = timing(quick)
     rows, images = [], {}
     first: wvr.Image | None = None
     paper = PAPER["table 1"]
@@ -308,8 +330,13 @@ def table1(folder: Path, scene: Scene, views: int) -> None:
                 images[f"{distance:g}, {subsamples} subsamples"] = image, f"difference {rows[-1]['difference']:.4f}"
     for row in rows:
         row |= {"of first": row["ms"] / rows[0]["ms"], "paper of first": row["paper ms"] / rows[0]["paper ms"]}
-    write_rows(folder, "table1", f"Table 1 and Figure 4: {scene.name}, {views} views, {threads()}", rows)
+    write_rows(folder, "table1", f"Table 1 and Figure 4: {scene.name}, {timed}", rows)
     panels(folder, "figure4", images)
+    last = rows[-4]
+    return (
+        f"Without subsamples slices 0.8 voxel apart take {last['of first']:.2f} times as long as 0.2 apart (paper "
+        f"{last['paper of first']:.2f}) and differ by {last['difference']:.4f} (paper {last['paper difference']})."
+    )
 
 
 # --- Figures 5, 6 and 7 -----------------------------------------------------------------------------------------------
@@ -334,8 +361,11 @@ def settled(scene: Scene, fine: dict[str, wvr.Image]) -> dict[str, Method]:
     return {name: methods[name] for name in ("ray cast", "Phong", "ICS", "SCS", "PI-ICS", "PI-SCS")}
 
 
-def figure5(folder: Path, scenes: list[Scene], views: int) -> None:
+@STUDY.part("Figure 5")
+def figure5(folder: Path, quick: bool) -> str:
     """Every method at its largest distance without aliasing: what it costs."""
+    scenes = [make_scene(name, quick) for name in SCENES]
+    views, timed = timing(quick)
     rows: list[dict[str, Any]] = []
     images = []
     for scene in scenes:
@@ -361,7 +391,7 @@ def figure5(folder: Path, scenes: list[Scene], views: int) -> None:
                 "faster than ICS [%]": 100 * (by_name["ICS"] / row["ms"] - 1),
                 "of Phong": row["ms"] / by_name["Phong"],
             }
-    title = f"Figure 5: methods at their largest distance without aliasing, {views} views, {threads()}"
+    title = f"Figure 5: methods at their largest distance without aliasing, {timed}"
     write_rows(folder, "figure5", title, rows)
     gain = {row["scene"]: row["faster than ICS [%]"] for row in rows if row["method"] == "SCS"}
     paper = PAPER["speed-up over ICS, per cent"]
@@ -379,16 +409,23 @@ def figure5(folder: Path, scenes: list[Scene], views: int) -> None:
         axes.set_title(text, fontsize="small")
         axes.axis("off")
     save_figure(figure, folder / "figure5")
+    return (
+        f"SCS is faster than ICS by {claims[0]['here']:.0f}% on average (paper {paper['mean']}%), by "
+        f"{claims[1]['here']:.0f}% at worst (paper {paper['worst']}%)."
+    )
 
 
-def figure6(folder: Path, scene: Scene, views: int) -> None:
+@STUDY.part("Figure 6")
+def figure6(folder: Path, quick: bool) -> str:
     """What a subsample costs."""
-    rows = []
+    scene = make_scene("ultrasound", quick)
+    views, timed = timing(quick)
+    rows: list[dict[str, Any]] = []
     figure = Figure(figsize=(5, 3.4), layout="constrained")
     axes = figure.subplots()
     for i, (name, distance) in enumerate((n, d) for n in ("SCS", "PI-SCS") for d in (1.0, 2.0)):
         times = [Method(name, distance, m).measured(scene, views)[1] for m in (0, *SUBSAMPLES)]
-        for m, time in enumerate(times):
+        for m, time in zip((0, *SUBSAMPLES), times, strict=True):
             rows.append({"method": name, "distance": distance, "subsamples": m, "ms": time, "of none": time / times[0]})
         axes.plot(
             np.array(times) / times[0], "os^D"[i] + "-", ms=4, color=COLORS[i], label=f"{name}, distance {distance:g}"
@@ -397,10 +434,13 @@ def figure6(folder: Path, scene: Scene, views: int) -> None:
     axes.legend(frameon=False)
     axes.grid(color="0.9")
     save_figure(figure, folder / "figure6")
-    write_rows(folder, "figure6", f"Figure 6: cost of a subsample, {scene.name}, {views} views, {threads()}", rows)
+    write_rows(folder, "figure6", f"Figure 6: cost of a subsample, {scene.name}, {timed}", rows)
+    last = from_to([row["of none"] for row in rows if row["subsamples"] == SUBSAMPLES[-1]])
+    return f"{SUBSAMPLES[-1]} subsamples take {last} times as long as none; in the paper 3 or 4 are almost free."
 
 
-def figure7(folder: Path, scene: Scene) -> None:
+@STUDY.part("Figure 7")
+def figure7(folder: Path, quick: bool) -> str:
     """Ultrasound, supersampled at ever larger distances: shading on surfaces goes, far shadows stay."""
     methods = [
         Method("ICS", 0.67),
@@ -410,6 +450,7 @@ def figure7(folder: Path, scene: Scene) -> None:
         Method("SCS", 3.0, 4),
         Method("Phong", 0.33),
     ]
+    scene = make_scene("ultrasound", quick)
     fine = reference(scene, "ICS")
     images, rows = {}, []
     for method in methods:
@@ -426,6 +467,7 @@ def figure7(folder: Path, scene: Scene) -> None:
             images[str(method)] = image, f"aliasing {rows[-1]['aliasing']:.4f}"
     write_rows(folder, "figure7", "Figure 7: the generated ultrasound against slices a voxel eighth apart", rows)
     panels(folder, "figure7", images)
+    return "Mean differences: " + ", ".join(f"{row['method']} {row['mean difference']:.4f}" for row in rows) + "."
 
 
 # --- What the paper leaves open ---------------------------------------------------------------------------------------
@@ -437,14 +479,16 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "Lie, mean light": {"received": "mean"},
     "Strang, front light": {"splitting": "strang"},
     "Strang, mean light": {"splitting": "strang", "received": "mean"},
+    "the same, fixed kernel": {"splitting": "strang", "received": "mean", "kernel": "fixed"},
 }
 
 
-def convergence(folder: Path, size: int) -> None:
+@STUDY.part("Order of convergence")
+def convergence(folder: Path, quick: bool) -> str:
     """Order of the image in the slice distance, on a smooth scene."""
     volume = wvr.datasets.load("blobs", 48)
     tf = wvr.TransferFunction([(0, "orange", 0.0), (255, "royalblue", 0.4)])
-    scene = Scene("blobs", volume, tf, (1, 0.6, 0.4), (0, 0, 1), size)
+    scene = Scene("blobs", volume, tf, (1, 0.6, 0.4), (0, 0, 1), 24 if quick else 128)
     distances = np.array([2.0, 1.0, 0.5, 0.25])
     fine = Method("ICS", 1 / 32).render(scene, **VARIANTS["Strang, mean light"]).rgba
     rows = []
@@ -456,53 +500,79 @@ def convergence(folder: Path, size: int) -> None:
         rows.append(
             {"variant": name} | {f"{d:g}": e for d, e in zip(distances, errors, strict=True)} | {"order": order}
         )
-        axes.loglog(distances, errors, "os^Dv"[i] + "-", ms=4, color=COLORS[i], label=f"{name}: {order:.1f}")
+        axes.loglog(distances, errors, "os^DvP"[i] + "-", ms=4, color=COLORS[i], label=f"{name}: {order:.1f}")
     axes.set(xlabel="slice distance [voxels]", ylabel="mean error")
+    axes.set_xticks(distances, [f"{d:g}" for d in distances])
+    axes.minorticks_off()
     axes.legend(frameon=False, fontsize="x-small", title="order", title_fontsize="x-small")
     axes.grid(color="0.9")
     save_figure(figure, folder / "convergence")
     write_rows(folder, "convergence", "Mean error against slices 1/32 voxel apart, Strang and mean light", rows)
+    return "Orders: " + ", ".join(f"{row['variant']} {row['order']:.1f}" for row in rows) + "."
 
 
-def model(folder: Path, scene: Scene, directions: int) -> None:
-    """How far light that diffuses is from light that is scattered once, and how much of that is what a cone means."""
-    rows, images = [], {}
-    light = key_light(scene.camera())
-    unlit = wvr.render(scene.volume, scene.tf, scene.camera(), (scene.size,) * 2)
-    for spread in (5.0, 10.0, 20.0, 40.0):
+@STUDY.part("The model")
+def model(folder: Path, quick: bool) -> str:
+    """How far light that diffuses is from light that is scattered once in a cone, and which spread is the nearest."""
+    found = {}
+    for name in ("bonsai", "head, bone"):
+        scene = replace(make_scene(name, quick), size=24 if quick else 192)
+        found[name] = compared(folder, scene, 8 if quick else 64)
+    said = ", ".join(f"{name} {share:.0f}%" for name, share in found.items())
+    return f"At 20 degrees the sweep is off by this part of what shadows do to the image: {said}."
+
+
+def compared(folder: Path, scene: Scene, directions: int) -> float:
+    """Of one scene; the share for a spread of 20 degrees [%]."""
+    camera, size = scene.camera(), (scene.size, scene.size)
+    light, name = key_light(camera), scene.name.split(",")[0]
+    unlit = wvr.render(scene.volume, scene.tf, camera, size)
+
+    def swept(spread: float) -> wvr.Image:
+        return Method("ICS", 0.5, 1).render(scene, spread=spread, **VARIANTS["Strang, mean light"])
+
+    rows, nearest, images = [], [], {}
+    for spread in (0.0, 5.0, 20.0, 40.0):
         truth = wvr.single_scattering(
-            scene.volume,
-            scene.tf,
-            scene.camera(),
-            (scene.size,) * 2,
-            light=light,
-            spread=spread,
-            directions=directions,
-            step=0.5,
+            scene.volume, scene.tf, camera, size, light=light, spread=spread, directions=directions
         )
-        image = Method("PI-ICS", 0.25).render(scene, spread=spread, **VARIANTS["Strang, mean light"])
         seen = truth.rgba[..., 3] > 0
-        difference, shadow = (np.abs(a.rgba - truth.rgba)[seen][:, :3] for a in (image, unlit))
-        row = {
-            "spread": spread,
-            "mean difference": float(difference.mean()),
-            "root mean square": rms(difference),
-            "of all that shadows do [%]": 100 * float(difference.mean() / shadow.mean()),
-            "brighter [%]": 100 * float(image.rgba[seen][:, :3].mean() / truth.rgba[seen][:, :3].mean() - 1),
-            "reference s": truth.stats["seconds"],
-            "sweep s": image.stats["seconds"],
-        }
-        rows.append(row)
-        if spread in (5.0, 20.0):
-            images[f"scattered, {spread:g} degrees"] = truth, f"{row['reference s']:.0f} s"
-            images[f"swept, {spread:g} degrees"] = image, f"mean difference {row['mean difference']:.3f}"
-    title = f"Sweep, slices 0.25 apart, against single scattering, {directions} directions: {scene.name}"
-    write_rows(folder, f"model-{scene.name.split(',')[0]}", title, rows)
-    panels(folder, f"model-{scene.name.split(',')[0]}", images)
+        shadow = float(np.abs(unlit.rgba - truth.rgba)[seen][:, :3].mean())
+
+        def difference(
+            image: wvr.Image, truth: wvr.Image = truth, seen: NDArray = seen, shadow: float = shadow
+        ) -> dict:
+            off = float(np.abs(image.rgba - truth.rgba)[seen][:, :3].mean())
+            return {
+                "mean difference": off,
+                "of what shadows do [%]": 100 * off / shadow,
+                "brighter [%]": 100 * float(image.rgba[seen][:, :3].mean() / truth.rgba[seen][:, :3].mean() - 1),
+            }
+
+        image = swept(spread)
+        rows.append({"spread": spread} | difference(image) | {"reference s": truth.stats["seconds"]})
+        rows[-1]["sweep s"] = image.stats["seconds"]
+        if spread == 20:
+            images["scattered, 20 degrees"] = truth, f"{truth.stats['seconds']:.0f} s"
+            images["swept, 20 degrees"] = image, f"mean difference {rows[-1]['mean difference']:.3f}"
+            for wide in (20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0):
+                other = swept(wide)
+                nearest.append({"spread of the sweep": wide} | difference(other))
+                if wide == 60:
+                    images["swept, 60 degrees"] = other, f"mean difference {nearest[-1]['mean difference']:.3f}"
+    title = (
+        f"Sweep, slices 0.5 apart with 1 subsample, against single scattering, {directions} directions: {scene.name}"
+    )
+    write_rows(folder, f"model-{name}", title, rows)
+    write_rows(folder, f"nearest-{name}", "Sweeps of other spreads against single scattering of 20 degrees", nearest)
+    panels(folder, f"model-{name}", images)
+    return next(row["of what shadows do [%]"] for row in rows if row["spread"] == 20)
 
 
-def streaming(folder: Path, size: int, n: int, frames: int) -> None:
+@STUDY.part("Streaming")
+def streaming(folder: Path, quick: bool) -> str:
     """A beating heart, a new volume each frame: what a frame costs, and what is built for it."""
+    size, n, frames = (48, 32, 3) if quick else (512, 128, 20)
     tf = wvr.TransferFunction(SCENES["ultrasound"][2])
     renderer = None
     rows, images = [], {}
@@ -520,28 +590,8 @@ def streaming(folder: Path, size: int, n: int, frames: int) -> None:
         rows.append({"frame": frame, "ms": 1e3 * image.stats["seconds"], "built": built})
         if frame % -(-frames // 5) == 0:
             images[f"frame {frame} of {frames}"] = image, f"{rows[-1]['ms']:.0f} ms"
-    write_rows(folder, "streaming", f"A new volume each frame, {size} x {size}, {threads()}", rows)
+    write_rows(
+        folder, "streaming", f"A new volume each frame, {size} x {size}, {timing(quick)[1].split(', ')[1]}", rows
+    )
     panels(folder, "streaming", images)
-
-
-def main(*arguments: str) -> None:
-    """Run all parts; ``--quick`` is small and takes generated volumes, ``--size=`` and ``--views=`` change the rest."""
-    quick = "--quick" in arguments
-    given = dict(argument[2:].split("=") for argument in arguments if "=" in argument)
-    size, views = int(given.get("size", 48 if quick else 512)), int(given.get("views", 2 if quick else 100))
-    folder = output("angelelli2017")
-    scenes = {name: make_scene(name, size, quick) for name in SCENES}
-    convergence(folder, 24 if quick else 128)
-    for name in ("bonsai", "head, bone"):
-        model(folder, replace(scenes[name], size=24 if quick else 192), 8 if quick else 64)
-    streaming(folder, size, 32 if quick else 128, 3 if quick else 20)
-    figure1(folder, scenes["bonsai"], views)
-    figure3(folder, scenes["head, bone"])
-    figure7(folder, scenes["ultrasound"])
-    figure6(folder, scenes["head, bone"], views)
-    table1(folder, scenes["head, bone"], views)
-    figure5(folder, list(scenes.values()), views)
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+    return f"A frame takes {from_to([row['ms'] for row in rows[1:]])} ms; built for it: {rows[-1]['built']}."

@@ -33,7 +33,17 @@ from benchmarks.harness import PACKAGES, STYLE, machine, write_json
 from . import report
 from .study import Part, Study
 
-NAMES = ("frontier", "lum2004", "lighting", "roettger2003", "clipping", "campagnolo2015", "stability", "gallery")
+NAMES = (
+    "frontier",
+    "lum2004",
+    "lighting",
+    "roettger2003",
+    "clipping",
+    "campagnolo2015",
+    "angelelli2017",
+    "stability",
+    "gallery",
+)
 RECORDED = Path(__file__).parents[1] / "docs/results"
 ROOT = Path(__file__).parents[1]
 SOURCES = ("wvr", "kernels", "studies", "benchmarks")

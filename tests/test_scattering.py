@@ -220,3 +220,38 @@ def test_bad_input(blobs, smooth_tf, wrong, named):
 def test_bad_light(blobs, smooth_tf):
     with pytest.raises(TypeError, match="light"):
         wvr.single_scattering(blobs, smooth_tf, wvr.Camera.fit(blobs), light="sun")
+
+
+# The sweep's model
+
+
+def test_diffusion_is_the_cones(device):
+    """2 D, the variance that a unit of length adds, is the cone's to leading order: a^2 / 4 along each axis."""
+    for spread, tolerance in ((1.0, 2e-3), (20.0, 0.04)):
+        slopes = cone(spread, 4096)
+        slopes = slopes[:, :2] / slopes[:, 2:]
+        variance = (slopes**2).sum(axis=1).mean() / 2
+        np.testing.assert_allclose(2 * wvr.ConvolutionShadows(spread=spread).diffusion, variance, rtol=tolerance)
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+@pytest.mark.parametrize(
+    "light",
+    [wvr.Headlight(), wvr.DirectionalLight((0.3, 1, 0.9)), wvr.DirectionalLight((-1, 0.3, 0.1))],
+    ids=["headlight", "before", "behind"],
+)
+def test_sweep_is_single_scattering(device, blobs, light, parallel):
+    """Without spread the same model, in the image's centre and at its borders, from before and from behind; with it
+    nearly: what reaches a point through a box with things in it is not quite what diffuses there.
+    """
+    tf = wvr.TransferFunction([(0, "orange", 0.0), (255, "royalblue", 0.3)])
+    camera = wvr.Camera.fit(blobs, parallel=parallel)
+    for spread, most in ((0.0, 1e-3), (20.0, 0.05)):
+        truth = scattered(blobs, tf, camera, (24, 24), light=light, spread=spread, step=0.25, device=device)
+        shadows = wvr.ConvolutionShadows(0.5, light=light, spread=spread, cell=0.25, image="slices")
+        image = wvr.render(
+            blobs, tf, camera, (24, 24), shadows=shadows, precision="float64", termination=0, device=device
+        )
+        difference = np.abs(image.rgba - truth.rgba)
+        assert difference[..., :3].mean() < most / 10
+        assert np.quantile(difference[..., :3], 0.99) < most

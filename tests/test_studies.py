@@ -9,7 +9,7 @@ from matplotlib import rc_context
 
 import wvr
 from benchmarks.harness import STYLE
-from studies import campagnolo2015, clipping, frontier, lighting, roettger2003, runner, stability
+from studies import angelelli2017, campagnolo2015, clipping, frontier, lighting, roettger2003, runner, stability
 from studies.common import write_rows
 from studies.study import Study
 
@@ -147,6 +147,44 @@ def test_frame_buffer():
     np.testing.assert_allclose(buffers["fine"], buffers["one"], atol=1e-4)
     assert buffers["one"].max() > 0.1 and not buffers["2"].any()
     assert wvr.compare(buffers["one"], scene.render(wvr.Exact())).max < 5e-3
+
+
+def test_angelelli2017(tmp_path, monkeypatch):
+    for name, value in (("DISTANCES", (0.5, 1.0, 2.0)), ("SUBSAMPLES", (1, 3)), ("FINE", 0.25)):
+        monkeypatch.setattr(angelelli2017, name, value)
+    with rc_context(STYLE):
+        for part in angelelli2017.STUDY.parts.values():
+            assert part.work(tmp_path, True)
+    assert {f"figure{i}.png" for i in (1, 3, 4, 5, 6, 7)} <= {path.name for path in tmp_path.iterdir()}
+    rows = {name: rows_of(tmp_path, name) for name in ("convergence", "streaming", "table1", "figure5")}
+    order = {row["variant"]: row["order"] for row in rows["convergence"]}
+    assert order["Strang, mean light"] > 1.8 and 0.9 < order["Lie, front light"] < 1.2
+    # With the kernel of the papers finer slices go away from it.
+    fixed = rows["convergence"][-1]
+    assert fixed["0.25"] > 1.5 * fixed["0.5"] > 1.5 * fixed["1"]
+    assert all("extents" not in row["built"] for row in rows["streaming"])
+    difference = {(row["distance"], row["subsamples"]): row["difference"] for row in rows["table1"]}
+    assert difference[0.2, 0] == 0 and difference[0.8, 3] < difference[0.8, 0]
+    assert rows["table1"][-1]["paper ms"] == 182
+    assert {row["method"] for row in rows["figure5"]} == {"ray cast", "Phong", "ICS", "SCS", "PI-ICS", "PI-SCS"}
+
+
+def test_aliasing_is_what_is_fine():
+    """Brightness that changes over the image is none, stripes are as much as they are."""
+    x = np.arange(64)
+    rgba = np.ones((64, 64, 4), np.float32)
+
+    def image(red):
+        rgba[..., :3] = linear(np.broadcast_to(red, (64, 64)))[..., None]
+        return wvr.Image(rgba.copy(), np.zeros((64, 64), np.int32))
+
+    def linear(s):
+        return np.where(s < 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
+
+    plain = image(0.5)
+    assert angelelli2017.aliasing(plain, plain) == 0
+    assert angelelli2017.aliasing(image(0.3 + x / 256), plain) < 2e-3
+    assert angelelli2017.aliasing(image(0.5 + 0.1 * (-1.0) ** x), plain) == pytest.approx(0.1, rel=0.03)
 
 
 def test_frontier(tmp_path):

@@ -172,7 +172,7 @@ def place(
     sweep.ahead, sweep.offset = wp.vec3d(*(axis @ matrix)), float(axis @ shift)
     sweep.diverging = fans
     sweep.across = wp.mat33d(*np.vstack([side @ matrix, np.zeros(3)]).ravel())
-    sweep.shift = wp.vec3d(*side @ shift, 0.0)
+    sweep.shift = wp.vec3d(*np.append(side @ shift, 0.0))
     sweep.corner = wp.vec2d(*corner)
     sweep.origin = wp.vec3d(*(-to_index @ shift))
     sweep.along = wp.vec3d(*(to_index @ back[:, 2]))
