@@ -1,7 +1,7 @@
 """Angelelli and Bruckner, "Performance and Quality Analysis of Convolution-Based Volume Illumination" (2017).
 
 Figures 1 and 3 to 7 and Table 1, the paper's numbers beside ours, then what the paper leaves open: how fast the image
-converges in the slice distance, and how good the model is: ``python -m studies.angelelli2017 [--quick]``.
+converges in the slice distance, how good the model is, and a new volume each frame.
 Head, abdomen and bonsai (for the carp) are those of ``../shared/data`` where they lie there, else generated volumes
 stand in; the cardiac ultrasound is generated. Transfer functions and views are not published, so times compare in kind.
 
@@ -17,8 +17,6 @@ so that the distances of one row show one scene.
 
 from __future__ import annotations
 
-import json
-import sys
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
@@ -30,13 +28,15 @@ from numpy.typing import NDArray
 
 import wvr
 from benchmarks.harness import COLORS, save_figure
-from wvr.color import linear_to_srgb
 
-from .campagnolo2015 import DATA
-from .common import output, write_rows
+from .common import write_rows
 from .lighting import panels
+from .scenes import DATA, picture
+from .study import Study
 
-PAPER = json.loads((Path(__file__).parent / "data" / "angelelli2017.json").read_text(encoding="utf-8"))
+STUDY = Study("angelelli2017")
+PAPER = STUDY.paper
+SIZE, VIEWS = 512, 100  # of the paper
 WINDOW = 9
 VISIBLE = 0.013
 DISTANCES = (0.25, 0.33, 0.5, 0.67, 1.0, 1.3, 1.5, 2.0, 3.0, 4.0)
@@ -102,8 +102,8 @@ class Scene:
         return wvr.Camera.fit(self.volume, turned, self.up, view_angle=20.0)
 
 
-def make_scene(name: str, size: int, quick: bool) -> Scene:
-    """A scene of the paper or its stand-in."""
+def make_scene(name: str, quick: bool, size: int | None = None) -> Scene:
+    """A scene of the paper or its stand-in; ``quick``: a small stand-in."""
     stem, generated, points, direction, up = SCENES[name]
     path = DATA / f"{stem}.nrrd"
     if stem is not None and path.exists() and not quick:
@@ -117,7 +117,7 @@ def make_scene(name: str, size: int, quick: bool) -> Scene:
             low, high = data.min(), data.max()
             data = ((data - low) * ((points[-1][0] * 1.1) / (high - low))).astype(np.float32)
         volume = wvr.Volume(data)
-    return Scene(name, volume, wvr.TransferFunction(points), direction, up, size)
+    return Scene(name, volume, wvr.TransferFunction(points), direction, up, 32 if quick else size or SIZE)
 
 
 def key_light(camera: wvr.Camera) -> wvr.DirectionalLight:
@@ -169,14 +169,9 @@ class Method:
         return f"{self.name} {self.distance:g}" + (f", {self.subsamples} subsamples" if self.subsamples else "")
 
 
-def shown(image: wvr.Image) -> NDArray[np.float64]:
-    """As on a screen: sRGB-encoded, on white."""
-    return linear_to_srgb(np.clip(image.composited("white"), 0, 1))
-
-
 def aliasing(image: wvr.Image, fine: wvr.Image) -> float:
     """Root mean square of what is fine in the difference, over the pixels that show anything."""
-    difference = shown(image) - shown(fine)
+    difference = picture(image) - picture(fine)
     window = np.lib.stride_tricks.sliding_window_view(
         np.pad(difference, [(WINDOW // 2,) * 2] * 2 + [(0, 0)], "edge"), (WINDOW, WINDOW), (0, 1)
     )
@@ -188,6 +183,11 @@ def reference(scene: Scene, name: str) -> wvr.Image:
     return (
         Method(name, FINE / 2).render(scene) if name in ("ray cast", "Phong") else Method("PI-ICS", FINE).render(scene)
     )
+
+
+def views_of(quick: bool) -> int:
+    """Viewpoints that times are the mean of."""
+    return 1 if quick else VIEWS
 
 
 def threads() -> str:
@@ -223,7 +223,8 @@ def coarsest(found: list[tuple[Method, float]]) -> Method | None:
 # --- Figures 1 and 3, Figure 4 and Table 1 ----------------------------------------------------------------------------
 
 
-def figure1(folder: Path, scene: Scene, views: int) -> None:
+@STUDY.part("Figure 1")
+def figure1(folder: Path, quick: bool) -> str:
     """The paper's teaser: what supersampling saves, and where it shows."""
     methods = {
         "Phong": Method("Phong", 0.33),
@@ -232,7 +233,8 @@ def figure1(folder: Path, scene: Scene, views: int) -> None:
         "SCS 1.3, 4 subsamples": Method("SCS", 1.3, 4),
         "SCS 1.5, 5 subsamples": Method("SCS", 1.5, 5),
     }
-    fine = Method("PI-ICS", FINE).render(scene)
+    scene, views = make_scene("bonsai", quick), views_of(quick)
+    fine = reference(scene, "ICS")
     images, rows = {}, []
     for name, method in methods.items():
         image, ms = method.measured(scene, views)
@@ -246,12 +248,16 @@ def figure1(folder: Path, scene: Scene, views: int) -> None:
         row |= {"of ICS 0.33": row["ms"] / rows[1]["ms"], "paper of ICS 0.33": row["paper ms"] / rows[1]["paper ms"]}
     write_rows(folder, "figure1", f"Figure 1: {scene.name} for the carp, {views} views, {threads()}", rows)
     panels(folder, "figure1", images)
-    middle = slice(scene.size * 2 // 5, scene.size * 3 // 5)
-    panels(folder, "figure1-closeup", images, (middle, middle))
+    panels(folder, "figure1-closeup", images, zoom=4)
+    ours, paper = rows[3]["of ICS 0.33"], rows[3]["paper of ICS 0.33"]
+    clean = ", ".join(f"{row['method']} {row['aliasing']:.4f}" for row in rows[1:])
+    return f"SCS 1.3 takes {ours:.2f} of the time of ICS 0.33, the paper's {paper:.2f}. Aliasing: {clean}."
 
 
-def figure3(folder: Path, scene: Scene) -> None:
+@STUDY.part("Figure 3")
+def figure3(folder: Path, quick: bool) -> str:
     """Aliasing by slice distance."""
+    scene = make_scene("head, bone", quick)
     names = ("ray cast", "ICS", "PI-ICS")
     found = {name: errors_by_distance(scene, name, reference(scene, name), every=True) for name in names}
     rows: list[dict[str, Any]] = [{"distance": distance} for distance in DISTANCES]
@@ -282,12 +288,17 @@ def figure3(folder: Path, scene: Scene) -> None:
         for method, error in found[name]:
             if method.distance in (0.5, 1.0, 2.0):
                 images[f"{name} {method.distance:g}"] = method.render(scene), f"aliasing {error:.4f}"
-    third = slice(scene.size // 3, scene.size * 2 // 3)
-    panels(folder, "figure3", images, (third, third))
+    panels(folder, "figure3", images, zoom=2)
+    best = {name: coarsest(errors) for name, errors in found.items()}
+    return "Free of aliasing up to " + ", ".join(
+        f"{m.distance:g} ({n})" if m else f"none ({n})" for n, m in best.items()
+    )
 
 
-def table1(folder: Path, scene: Scene, views: int) -> None:
+@STUDY.part("Figure 4 and Table 1")
+def table1(folder: Path, quick: bool) -> str:
     """Time and difference over slice distances and subsamples."""
+    scene, views = make_scene("ultrasound", quick), views_of(quick)
     rows, images = [], {}
     first: wvr.Image | None = None
     paper = PAPER["table 1"]
@@ -312,6 +323,12 @@ def table1(folder: Path, scene: Scene, views: int) -> None:
         row |= {"of first": row["ms"] / rows[0]["ms"], "paper of first": row["paper ms"] / rows[0]["paper ms"]}
     write_rows(folder, "table1", f"Table 1 and Figure 4: {scene.name}, {views} views, {threads()}", rows)
     panels(folder, "figure4", images)
+    last = rows[-1]
+    return (
+        f"0.8 with 3 subsamples takes {last['of first']:.2f} of the time of 0.2 without "
+        f"(the paper {last['paper of first']:.2f}), "
+        f"difference {last['difference']:.4f} (the paper {last['paper difference']:.4f})."
+    )
 
 
 # --- Figures 5, 6 and 7 -----------------------------------------------------------------------------------------------
@@ -336,10 +353,12 @@ def settled(scene: Scene, fine: dict[str, wvr.Image]) -> dict[str, Method]:
     return {name: methods[name] for name in ("ray cast", "Phong", "ICS", "SCS", "PI-ICS", "PI-SCS")}
 
 
-def figure5(folder: Path, scenes: list[Scene], views: int) -> None:
+@STUDY.part("Figure 5")
+def figure5(folder: Path, quick: bool) -> str:
     """Every method at its largest distance without aliasing: what it costs."""
     rows: list[dict[str, Any]] = []
     images = []
+    scenes, views = [make_scene(name, quick) for name in SCENES], views_of(quick)
     for scene in scenes:
         fine = {name: reference(scene, name) for name in ("ray cast", "Phong", "ICS")}
         for method in settled(scene, fine).values():
@@ -377,14 +396,19 @@ def figure5(folder: Path, scenes: list[Scene], views: int) -> None:
     write_rows(folder, "claims", "Speed-ups of section 5.3", claims)
     figure = Figure(figsize=(15, 2.9 * len(scenes)), layout="constrained")
     for axes, (text, image) in zip(figure.subplots(len(scenes), 6).flat, images, strict=True):
-        axes.imshow(shown(image))
+        axes.imshow(picture(image))
         axes.set_title(text, fontsize="small")
         axes.axis("off")
     save_figure(figure, folder / "figure5")
+    return (
+        "; ".join(f"{row['SCS over ICS [%]']} {row['here']:.0f} % (the paper {row['paper']})" for row in claims) + "."
+    )
 
 
-def figure6(folder: Path, scene: Scene, views: int) -> None:
+@STUDY.part("Figure 6")
+def figure6(folder: Path, quick: bool) -> str:
     """What a subsample costs."""
+    scene, views = make_scene("ultrasound", quick), views_of(quick)
     rows = []
     figure = Figure(figsize=(5, 3.4), layout="constrained")
     axes = figure.subplots()
@@ -400,9 +424,12 @@ def figure6(folder: Path, scene: Scene, views: int) -> None:
     axes.grid(color="0.9")
     save_figure(figure, folder / "figure6")
     write_rows(folder, "figure6", f"Figure 6: cost of a subsample, {scene.name}, {views} views, {threads()}", rows)
+    four = {row["method"]: row["of none"] for row in rows if row["subsamples"] == 4 and row["distance"] == 1}
+    return "Four subsamples cost " + " and ".join(f"{c:.2f} times none ({name})" for name, c in four.items()) + "."
 
 
-def figure7(folder: Path, scene: Scene) -> None:
+@STUDY.part("Figure 7")
+def figure7(folder: Path, quick: bool) -> str:
     """Ultrasound, supersampled at ever larger distances: shading on surfaces goes, far shadows stay."""
     methods = [
         Method("ICS", 0.67),
@@ -412,6 +439,7 @@ def figure7(folder: Path, scene: Scene) -> None:
         Method("SCS", 3.0, 4),
         Method("Phong", 0.33),
     ]
+    scene = make_scene("ultrasound", quick)
     fine = reference(scene, "ICS")
     images, rows = {}, []
     for method in methods:
@@ -428,6 +456,7 @@ def figure7(folder: Path, scene: Scene) -> None:
             images[str(method)] = image, f"aliasing {rows[-1]['aliasing']:.4f}"
     write_rows(folder, "figure7", "Figure 7: the generated ultrasound against slices a voxel eighth apart", rows)
     panels(folder, "figure7", images)
+    return "Aliasing: " + ", ".join(f"{row['method']} {row['aliasing']:.4f}" for row in rows) + "."
 
 
 # --- What the paper leaves open ---------------------------------------------------------------------------------------
@@ -443,11 +472,12 @@ VARIANTS: dict[str, dict[str, Any]] = {
 }
 
 
-def convergence(folder: Path, size: int) -> None:
+@STUDY.part("Order of convergence")
+def convergence(folder: Path, quick: bool) -> str:
     """Order of the image in the slice distance, on a smooth scene."""
     volume = wvr.datasets.load("blobs", 48)
     tf = wvr.TransferFunction([(0, "orange", 0.0), (255, "royalblue", 0.4)])
-    scene = Scene("blobs", volume, tf, (1, 0.6, 0.4), (0, 0, 1), size)
+    scene = Scene("blobs", volume, tf, (1, 0.6, 0.4), (0, 0, 1), 24 if quick else 128)
     distances = np.array([2.0, 1.0, 0.5, 0.25])
     fine = Method("ICS", 1 / 32).render(scene, **VARIANTS["Strang, mean light"]).rgba
     rows = []
@@ -467,10 +497,18 @@ def convergence(folder: Path, size: int) -> None:
     axes.grid(color="0.9")
     save_figure(figure, folder / "convergence")
     write_rows(folder, "convergence", "Mean error against slices 1/32 voxel apart, Strang and mean light", rows)
+    return "Orders: " + ", ".join(f"{row['variant']} {row['order']:.2f}" for row in rows) + "."
 
 
-def model(folder: Path, scene: Scene, directions: int) -> None:
+@STUDY.part("The model")
+def model(folder: Path, quick: bool) -> str:
     """How far light that diffuses is from light that is scattered once in a cone, and which spread is the nearest."""
+    return " ".join(
+        _model(folder, make_scene(name, quick, 192), 8 if quick else 64) for name in ("bonsai", "head, bone")
+    )
+
+
+def _model(folder: Path, scene: Scene, directions: int) -> str:
     camera, size = scene.camera(), (scene.size, scene.size)
     light, name = key_light(camera), scene.name.split(",")[0]
     unlit = wvr.render(scene.volume, scene.tf, camera, size)
@@ -511,10 +549,18 @@ def model(folder: Path, scene: Scene, directions: int) -> None:
     write_rows(folder, f"model-{name}", title, rows)
     write_rows(folder, f"nearest-{name}", "Sweeps of other spreads against single scattering of 20 degrees", nearest)
     panels(folder, f"model-{name}", images)
+    means = ", ".join(f"{row['mean difference']:.3f} at {row['spread']:g}" for row in rows)
+    best = min(nearest, key=lambda row: row["mean difference"])
+    return (
+        f"{scene.name}: mean difference {means} degrees; a cone of 20 is nearest to a spread of "
+        f"{best['spread of the sweep']:g}: {best['mean difference']:.3f}."
+    )
 
 
-def streaming(folder: Path, size: int, n: int, frames: int) -> None:
-    """A beating heart, a new volume each frame: what a frame costs, and what is built for it."""
+@STUDY.part("A new volume each frame")
+def streaming(folder: Path, quick: bool) -> str:
+    """A beating heart: what a frame costs, and what is built for it."""
+    size, n, frames = (32, 32, 3) if quick else (SIZE, 128, 20)
     tf = wvr.TransferFunction(SCENES["ultrasound"][2])
     renderer = None
     rows, images = [], {}
@@ -534,26 +580,5 @@ def streaming(folder: Path, size: int, n: int, frames: int) -> None:
             images[f"frame {frame} of {frames}"] = image, f"{rows[-1]['ms']:.0f} ms"
     write_rows(folder, "streaming", f"A new volume each frame, {size} x {size}, {threads()}", rows)
     panels(folder, "streaming", images)
-
-
-def main(*arguments: str) -> None:
-    """Run all parts; ``--quick`` is small and takes generated volumes, ``--size=`` and ``--views=`` change the rest."""
-    quick = "--quick" in arguments
-    given = dict(argument[2:].split("=") for argument in arguments if "=" in argument)
-    size, views = int(given.get("size", 48 if quick else 512)), int(given.get("views", 2 if quick else 100))
-    folder = output("angelelli2017")
-    scenes = {name: make_scene(name, size, quick) for name in SCENES}
-    convergence(folder, 24 if quick else 128)
-    for name in ("bonsai", "head, bone"):
-        model(folder, replace(scenes[name], size=24 if quick else 192), 8 if quick else 64)
-    streaming(folder, size, 32 if quick else 128, 3 if quick else 20)
-    figure1(folder, scenes["bonsai"], views)
-    figure3(folder, scenes["head, bone"])
-    figure7(folder, scenes["ultrasound"])
-    figure6(folder, scenes["ultrasound"], views)
-    table1(folder, scenes["ultrasound"], views)
-    figure5(folder, list(scenes.values()), views)
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+    later = [row["ms"] for row in rows[1:]]
+    return f"A frame takes {min(later):.0f} to {max(later):.0f} ms; built for it: {rows[-1]['built']}."
