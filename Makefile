@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test lint bench studies clean
+.PHONY: demo test lint bench studies docs clean
 
 demo: .venv/ready
 	$(BIN)/python -m studies.demo
@@ -19,7 +19,14 @@ bench: .venv/ready
 	$(BIN)/python -m benchmarks
 
 studies: .venv/ready
-	$(BIN)/python -m studies $(if $(QUICK),--quick)
+	$(BIN)/wvr study --all $(if $(QUICK),--quick) $(if $(RESUME),--resume)
+
+docs: .venv/docs
+	$(BIN)/python -m sphinx -W --keep-going -q docs out/docs
+
+.venv/docs: .venv/ready
+	$(BIN)/python -m pip install --quiet --editable ".[docs]"
+	touch $@
 
 .venv/ready: pyproject.toml
 	$(PYTHON) -m venv .venv

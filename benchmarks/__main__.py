@@ -10,12 +10,19 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
+from matplotlib import rc_context
 from rich.console import Console
 
-from . import certified, cold, peers, throughput
-from .harness import Settings, markdown, rich_table, save, save_figure
+from . import certified, clipping, cold, peers, throughput
+from .harness import STYLE, Settings, markdown, rich_table, save, save_figure
 
-ENTRIES: dict[str, ModuleType] = {"throughput": throughput, "certified": certified, "peers": peers, "cold": cold}
+ENTRIES: dict[str, ModuleType] = {
+    "throughput": throughput,
+    "certified": certified,
+    "clipping": clipping,
+    "peers": peers,
+    "cold": cold,
+}
 RECORDED = Path(__file__).parent / "results"
 # Of all charts, the one that reports show.
 RECORDED_CHART = "peers.png"
@@ -36,7 +43,7 @@ def run(
     Parameters
     ----------
     names
-        What to measure: throughput, certified, peers, cold; all by default.
+        What to measure: throughput, certified, clipping, peers, cold; all by default.
     rounds
         How often each contender runs.
     quick
@@ -63,9 +70,10 @@ def run(
         save(result, out / f"{name}.json")
         (out / f"{name}.md").write_text(markdown(result), encoding="utf-8")
         files = [out / f"{name}.json", out / f"{name}.md"]
-        for stem, figure in entry.charts(result).items():
-            save_figure(figure, out / stem)
-            files.append(out / f"{stem}.png")
+        with rc_context(STYLE):
+            for stem, figure in entry.charts(result).items():
+                save_figure(figure, out / stem)
+                files.append(out / f"{stem}.png")
         if record is not None:
             folder = RECORDED / record
             folder.mkdir(parents=True, exist_ok=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 import wvr
 from studies import campagnolo2015
+from studies.scenes import load
 
 from .harness import (
     Contender,
@@ -32,7 +32,6 @@ UNIFORM = (wvr.Riemann(1.0), wvr.Riemann(0.5), wvr.Preintegrated(0.5))
 TOLERANCES = (1 / 512, 1e-3, 1e-4)
 # Sampling is refined no further.
 FINEST = 1 / 512
-ANEURISM = Path(__file__).parents[1] / "../shared/data/aneurism.nrrd"
 
 
 def measure(settings: Settings) -> Result:
@@ -74,7 +73,7 @@ def _scenes(quick: bool) -> list[Scene]:
     scenes.insert(2, replace(fog, name="S2 noisy", volume=wvr.Volume(noisy)))
     for name in ("Bonsai", "BluntFin"):
         scene = campagnolo2015.make_scene(name, quick)
-        scenes.append(Scene(name, scene.volume, scene.tf, wvr.Camera.fit(scene.volume), scenes[0].size))
+        scenes.append(replace(scene, camera=wvr.Camera.fit(scene.volume), size=scenes[0].size))
     return scenes
 
 
@@ -139,8 +138,7 @@ def _changes(settings: Settings) -> list[Row]:
         "nothing to see": timed(lambda: transparent.render(scene.camera, scene.size)),
     }
     rows = summarize("changes, Bonsai", interleave(contenders, settings.rounds), "frame")
-    real = ANEURISM.exists() and not settings.quick
-    volume = wvr.read(ANEURISM) if real else wvr.datasets.load("tree", 24)
+    volume = load("aneurism", settings.quick)
     lo, hi = volume.range
     points = [(lo + 0.3 * (hi - lo), "red", 0.0), (hi, "white", 0.3)]
     sparse = replace(

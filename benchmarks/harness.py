@@ -20,6 +20,7 @@ from statistics import median
 from typing import Any, NamedTuple
 
 import warp as wp
+from cycler import cycler
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from rich.table import Table
@@ -31,6 +32,19 @@ from wvr.launch import get_device
 PACKAGES = ("numpy", "scipy", "warp-lang", "vtk", "pyvista", "wvr")
 # Okabe and Ito's colours, which colour-blind readers can tell apart.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000", "#F0E442")
+# One style for all charts, for ``matplotlib.rc_context``. Their background is white whatever the page's, so that they
+# can be read on a dark one.
+STYLE = {
+    "axes.axisbelow": True,
+    "axes.prop_cycle": cycler(color=COLORS),
+    "figure.constrained_layout.use": True,
+    "font.size": 9,
+    "grid.color": "0.9",
+    "image.cmap": "magma",
+    "legend.frameon": False,
+    "savefig.dpi": 150,
+    "svg.hashsalt": "wvr",
+}
 
 
 @dataclass(frozen=True)
@@ -269,7 +283,7 @@ def bars(result: Result, value: Callable[[Row], tuple[float, float, float]], lab
     """
     groups = list(dict.fromkeys(row.group for row in result.rows))
     names = list(dict.fromkeys(row.name for row in result.rows))
-    figure = Figure(figsize=(7, 1.2 + 0.24 * len(result.rows) + 0.3 * len(groups)), layout="constrained")
+    figure = Figure(figsize=(7, 1.2 + 0.24 * len(result.rows) + 0.3 * len(groups)))
     axes = figure.subplots()
     middles, y = [], 0.0
     for group in groups:
@@ -285,13 +299,12 @@ def bars(result: Result, value: Callable[[Row], tuple[float, float, float]], lab
         y += 0.7
     if len(groups) > 1:
         axes.set_yticks(middles, groups)
-        figure.legend(loc="outside upper center", ncols=3, frameon=False, fontsize="small")
+        figure.legend(loc="outside upper center", ncols=3, fontsize="small")
     else:
         axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
     axes.set_xlabel(label)
-    axes.grid(axis="x", color="0.9")
-    axes.set_axisbelow(True)
+    axes.grid(axis="x")
     return figure
 
 
@@ -301,7 +314,7 @@ def errors_against_time(result: Result) -> Figure:
     names = list(dict.fromkeys(row.name for row in result.rows))
     columns = min(2, len(groups))
     shape = -(-len(groups) // columns), columns
-    figure = Figure(figsize=(7, 0.8 + 2.2 * shape[0]), layout="constrained")
+    figure = Figure(figsize=(7, 0.8 + 2.2 * shape[0]))
     panels = figure.subplots(*shape, sharex=True, sharey=True, squeeze=False)
     for axes, group in zip(panels.flat, groups, strict=False):
         for row in result.rows:
@@ -315,13 +328,13 @@ def errors_against_time(result: Result) -> Figure:
         axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.grid(color="0.9")
+        axes.grid()
     for axes in panels.flat[len(groups) :]:
         axes.set_visible(False)
     figure.supxlabel("Time a frame, wall clock [s]")
     figure.supylabel("Absolute error of premultiplied RGBA (filled: max, open: mean)", fontsize="medium")
     handles, labels = panels.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False, fontsize="small")
+    figure.legend(handles, labels, loc="outside upper center", ncols=2, fontsize="small")
     return figure
 
 
@@ -329,4 +342,4 @@ def save_figure(figure: Figure, stem: Path) -> None:
     """``figure`` as PNG and SVG files."""
     for suffix in (".png", ".svg"):
         with whole_file(stem.with_suffix(suffix)) as temporary:
-            figure.savefig(temporary, dpi=200)
+            figure.savefig(temporary, metadata={"Date": None} if suffix == ".svg" else None)

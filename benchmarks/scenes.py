@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 import wvr
 from studies import reference
+from studies.scenes import Scene
 from wvr.image import whole_file
 
 Floats = NDArray[np.float64]
@@ -25,28 +26,6 @@ GREY = np.arange(256.0)
 # The reference's cell pieces are halved until no channel of any pixel moves more than this.
 CONVERGED = 1e-4
 SEED = 0
-
-
-@dataclass(frozen=True)
-class Scene:
-    """A volume, how to see it, and from where; ``size`` is that of the image in pixels."""
-
-    name: str
-    volume: wvr.Volume
-    transfer_function: wvr.TransferFunction
-    camera: wvr.Camera
-    size: tuple[int, int]
-
-    @property
-    def label(self) -> str:
-        """Name and projection."""
-        return f"{self.name} {'parallel' if self.camera.parallel else 'perspective'}"
-
-    @property
-    def measures(self) -> str:
-        """Sizes of image and volume."""
-        nx, ny, nz = self.volume.dimensions
-        return f"{self.size[0]} x {self.size[1]} pixels of {nx} x {ny} x {nz} {self.volume.dtype}"
 
 
 @dataclass(frozen=True)

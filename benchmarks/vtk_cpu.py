@@ -11,12 +11,10 @@ import os
 import sys
 from multiprocessing.connection import Connection
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-import wvr
 
 from .harness import Time, timed
 from .scenes import Scene
@@ -29,29 +27,6 @@ PATIENCE = 120.0  # seconds until a frame counts as hung
 
 class NotAvailableError(Exception):
     """VTK cannot render here; says why."""
-
-
-class _Plain(NamedTuple):
-    """A scene that can be sent to another process, which a volume with a Warp array cannot."""
-
-    samples: NDArray
-    spacing: tuple[float, float, float]
-    origin: tuple[float, float, float]
-    transfer_function: wvr.TransferFunction
-    camera: wvr.Camera
-    size: tuple[int, int]
-
-    @classmethod
-    def of(cls, scene: Scene) -> _Plain:
-        volume = scene.volume
-        return cls(
-            np.asarray(volume.numpy()),
-            tuple(volume.spacing),
-            tuple(volume.origin),
-            scene.transfer_function,
-            scene.camera,
-            scene.size,
-        )
 
 
 class VtkCpu:
@@ -71,7 +46,7 @@ class VtkCpu:
     def __init__(self, scene: Scene, scale: int, threads: int):
         context = multiprocessing.get_context("spawn")
         self._connection, other = context.Pipe()
-        self._process = context.Process(target=_serve, args=(other, _Plain.of(scene), scale, threads), daemon=True)
+        self._process = context.Process(target=_serve, args=(other, scene, scale, threads), daemon=True)
         self._process.start()
         other.close()
 
@@ -106,7 +81,7 @@ class VtkCpu:
         return answer
 
 
-def _serve(connection: Connection, scene: _Plain, scale: int, threads: int) -> None:
+def _serve(connection: Connection, scene: Scene, scale: int, threads: int) -> None:
     """Answers questions until the parent ends it."""
     # Without a display VTK looks for X first, and may end the process.
     if sys.platform == "linux" and not os.environ.get("DISPLAY"):
@@ -120,7 +95,7 @@ def _serve(connection: Connection, scene: _Plain, scale: int, threads: int) -> N
             if step is None:
                 connection.send(pixels.rgba)
             else:
-                _set_step(mapper, step * min(scene.spacing))
+                _set_step(mapper, step * scene.volume.smallest_spacing)
                 connection.send(frame())
     except Exception as error:  # whatever it is, the parent reports it
         connection.send(error)
@@ -148,7 +123,7 @@ def _set_step(mapper: Any, distance: float) -> None:
     mapper.SetInteractiveSampleDistance(distance)
 
 
-def _window(scene: _Plain, scale: int, threads: int) -> tuple[Any, Any]:
+def _window(scene: Scene, scale: int, threads: int) -> tuple[Any, Any]:
     """A render window with the scene, unshaded before a transparent black background, and its mapper."""
     import pyvista as pv
     import vtkmodules.vtkRenderingOpenGL2
@@ -163,15 +138,16 @@ def _window(scene: _Plain, scale: int, threads: int) -> tuple[Any, Any]:
     )
     from vtkmodules.vtkRenderingVolume import vtkFixedPointVolumeRayCastMapper
 
-    grid = pv.ImageData(dimensions=scene.samples.shape[::-1], spacing=scene.spacing, origin=scene.origin)
-    samples = scene.samples if scale == 1 else scene.samples * np.uint16(scale)
+    own = scene.volume.numpy()
+    grid = pv.ImageData(dimensions=own.shape[::-1], spacing=scene.volume.spacing, origin=scene.volume.origin)
+    samples = own if scale == 1 else own * np.uint16(scale)
     grid.point_data["values"] = samples.ravel()
 
     color, opacity = vtkColorTransferFunction(), vtkPiecewiseFunction()
-    low, high = float(scene.samples.min()), float(scene.samples.max())
-    levels = int(high - low) if scene.samples.dtype.kind in "iu" else 255
+    low, high = scene.volume.range
+    levels = int(high - low) if own.dtype.kind in "iu" else 255
     scalars = np.linspace(low, high, levels * POINTS + 1)
-    tf, unit = scene.transfer_function, min(scene.spacing)
+    tf, unit = scene.transfer_function, scene.volume.smallest_spacing
     for s, rgb, tau in zip(scalars, tf.color(scalars), tf.extinction(scalars, unit), strict=True):
         color.AddRGBPoint(scale * s, *rgb)
         opacity.AddPoint(scale * s, -np.expm1(-tau * unit))

@@ -277,15 +277,15 @@ def make_adaptive(variant):
         ray: wp.vec4d,
     ):
         """Write down a step taken from ``t``; tolerance and errors are per length."""
-        if taken < scene.trace.shape[0]:
+        if scene.taken + taken < scene.trace.shape[0]:
             entry = Step()
-            entry.t = t
+            entry.t = scene.start + t
             entry.length = step
             entry.tolerance = tolerance * step
             entry.depth_error = depth_error * step
             entry.error = outer_error * step
             entry.forced = wp.max(depth_error, outer_error) > tolerance
-            entry.rgba = ray
-            scene.trace[taken] = entry
+            entry.rgba = over(scene.front, ray)
+            scene.trace[scene.taken + taken] = entry
 
     return march

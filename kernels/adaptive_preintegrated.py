@@ -129,16 +129,16 @@ def make_adaptive_preintegrated(variant):
     @wp.func
     def record(scene: Scene, taken: int, t: real, h: real, distance: wp.float64, ray: wp.vec4d):
         """Write down a step. Its error is at most a h^2 + b h^3, which is the tolerance where h is the distance."""
-        if taken < scene.trace.shape[0]:
+        if scene.taken + taken < scene.trace.shape[0]:
             step = Step()
-            step.t = wp.float64(t)
+            step.t = scene.start + wp.float64(t)
             step.length = wp.float64(h)
             step.tolerance = scene.steps.tolerance
             share = step.length / wp.max(distance, wp.float64(1.0e-30))
             step.depth_error = step.tolerance * share * share * wp.max(share, wp.float64(1.0))
             step.error = step.depth_error
             step.forced = share > wp.float64(1.000001)
-            step.rgba = ray
-            scene.trace[taken] = step
+            step.rgba = over(scene.front, ray)
+            scene.trace[scene.taken + taken] = step
 
     return march

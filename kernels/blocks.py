@@ -130,15 +130,55 @@ return mask;
 
 
 @cache
-def make_masks(dtype):
-    """Kernel ``(base, data, ranges, shift, tf, kinds, masks)`` over blocks: which cells may see extinction."""
-    Transfer, interval, _ = make_transfer(wp.float64)
-    pair = wp.types.vector(2, dtype)
+def make_mask_of(dtype):
+    """``mask_of(data, bk, bj, bi, first, last)``: bits of a block's cells whose corners are neither all at most first
+    nor all at least last.
+    """
 
     @wp.func_native(MASK)
     def mask_of(
         data: wp.array3d(dtype=dtype), bk: int, bj: int, bi: int, first: wp.float64, last: wp.float64
     ) -> wp.uint64: ...
+
+    return mask_of
+
+
+@cache
+def make_visible(real):
+    """``visible(tf, low, high, shift)`` -> (first, last): of samples from low to high, those up to first have no
+    extinction, nor have those from last on.
+    """
+    Transfer, interval, _ = make_transfer(real)
+
+    @wp.func
+    def visible(tf: Transfer, low: real, high: real, shift: real):
+        first = -real(wp.inf)
+        last = real(wp.inf)
+        begin = interval(tf, low - shift)
+        end = interval(tf, high - shift)
+        k = tf.visible[begin]
+        if k > begin:
+            first = tf.knot[k] + shift
+            if tf.value[k][3] > real(0.0):
+                # A jump, whose upper value holds at the knot itself.
+                first -= real(1.0e-9) * (high - low)
+        k = end
+        while k > begin and tf.visible[k] != k:
+            k -= 1
+        if k < end:
+            last = tf.knot[k + 1] + shift
+        return first, last
+
+    return visible
+
+
+@cache
+def make_masks(dtype):
+    """Kernel ``(base, data, ranges, shift, tf, kinds, masks)`` over blocks: which cells may see extinction."""
+    Transfer, _, _ = make_transfer(wp.float64)
+    visible = make_visible(wp.float64)
+    mask_of = make_mask_of(dtype)
+    pair = wp.types.vector(2, dtype)
 
     @wp.kernel(enable_backward=False, module="unique")
     def masks(
@@ -156,23 +196,8 @@ def make_masks(dtype):
         if kind >= 0:
             mask = ~mask
         elif kind == SEVERAL:
-            # Nothing is visible up to ``first`` nor from ``last`` on.
             span = ranges[bk, bj, bi]
-            low = interval(tf, wp.float64(span[0]) - shift)
-            high = interval(tf, wp.float64(span[1]) - shift)
-            first = -wp.float64(wp.inf)
-            last = wp.float64(wp.inf)
-            k = tf.visible[low]
-            if k > low:
-                first = tf.knot[k] + shift
-                if tf.value[k][3] > wp.float64(0.0):
-                    # A jump, whose upper value holds at the knot itself.
-                    first -= wp.float64(1.0e-9) * (wp.float64(span[1]) - wp.float64(span[0]))
-            k = high
-            while k > low and tf.visible[k] != k:
-                k -= 1
-            if k < high:
-                last = tf.knot[k + 1] + shift
+            first, last = visible(tf, wp.float64(span[0]), wp.float64(span[1]), shift)
             mask = mask_of(data, bk, bj, bi, first, last)
         result[bk, bj, bi] = mask
 

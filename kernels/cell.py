@@ -126,3 +126,25 @@ def zero(p: vec5d, start: wp.float64, end: wp.float64, guess: wp.float64, sign: 
             return next
         t = next
     return t
+
+
+@wp.func
+def rise(c: wp.vec4d, end: wp.float64):
+    """Where a cubic that is not above zero at 0 first is inside (0, end); ``end`` if it is not."""
+    first, second = turns(c, end)
+    start = wp.float64(0.0)
+    found = end
+    for stretch in range(3):
+        # Monotone up to here.
+        stop = end
+        if stretch == 0:
+            stop = first
+        elif stretch == 1:
+            stop = second
+        if found == end and stop > start and at(c, stop) > wp.float64(0.0):
+            low = at(c, start)
+            # The secant through both ends is a good guess.
+            guess = start - (stop - start) * low / (at(c, stop) - low)
+            found = zero(vec5d(c[0], c[1], c[2], c[3], wp.float64(0.0)), start, stop, guess, wp.float64(1.0))
+        start = stop
+    return found

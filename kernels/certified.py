@@ -512,7 +512,8 @@ def make_certified(variant):
                     l += 1
             count += n
         total = real(1.0) - T
-        if t < length:
+        if t < length or (wp.static(variant.cut) and T < clear):
+            # What is behind is not visited; nor is, of a ray that is cut, what is behind this stretch.
             bound += T * scene.steps.brightest
         if total > zero:
             bound += total * scene.steps.tinted + scene.steps.veiled

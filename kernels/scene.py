@@ -5,7 +5,9 @@ from functools import cache
 
 import warp as wp
 
+from .clip import make_clipping
 from .field import make_field
+from .label import make_labels
 from .precision import REALS
 from .ray import View
 from .table import make_table
@@ -25,6 +27,16 @@ class Variant:
     lit: str = ""  # how a segment is lit, a mode of ``lit``, or "point" where every sample is; "" is not at all
     gradient: str = "central"  # that light sees: "central" differences or those of the "cell"
     material: bool = False  # ambient, diffuse and specular coefficients vary with the scalar
+    clips: type | None = None  # there are clips; of the clip volumes' samples, uint8 where there are shapes only
+    clipped: bool = False  # clips cut the ray
+    naive: bool = False  # clips leave out samples
+    parts: str | None = None  # clips cut segments, as ``partial`` does
+    labels: type | None = None  # of the states as they are stored, where labels say which transfer function holds
+
+    @property
+    def cut(self) -> bool:
+        """Whether a ray is marched in stretches."""
+        return self.clipped or self.labels is not None
 
 
 @wp.struct
@@ -81,6 +93,8 @@ def make_scene(variant):
     Field, _ = make_field(variant.dtype, real)
     Transfer, _, _ = make_transfer(real)
     Table, _ = make_table(real)
+    _, Clipping = make_clipping(variant.clips or wp.uint8)
+    Labels = make_labels(variant.labels or wp.uint8, variant.precision)
     vec2 = wp.vec2d if real is wp.float64 else wp.vec2
 
     @wp.struct
@@ -98,6 +112,10 @@ def make_scene(variant):
         table: Table
         nodes: wp.array(dtype=vec2)  # of ``segment.gauss_nodes``
         distance: wp.array3d(dtype=wp.float32)  # [z, y, x] of blocks, as of ``importance``
+        clipping: Clipping
+        cut: wp.vec3d  # lit: normal of the clip that the stretch of the ray begins at, in world space, or 0
+        cut_point: wp.vec3d  # and where that is
+        labels: Labels
 
     @wp.struct
     class TracedScene:
@@ -110,6 +128,13 @@ def make_scene(variant):
         lights: wp.array(dtype=Light)
         table: Table
         distance: wp.array3d(dtype=wp.float32)
+        clipping: Clipping
+        cut: wp.vec3d  # lit: normal of the clip that the stretch of the ray begins at, in world space, or 0
+        cut_point: wp.vec3d  # and where that is
+        labels: Labels
         trace: wp.array(dtype=Step)
+        taken: int  # steps in stretches of the ray before this one
+        start: wp.float64  # where this one begins
+        front: wp.vec4d  # composite of those before
 
     return TracedScene if variant.traced else Scene

@@ -4,13 +4,14 @@ What light does to a point is an intensity: three numbers that multiply diffuse 
 is linear in no way, but it is what is interpolated along a segment (Lum, Wilson and Ma 2004, section 3). Surfaces have
 two sides: the sign of the gradient says nothing. Where there is none, no direction of light is invented: with
 f = g^2 / (g^2 + faint) the intensity fades to that of emission which faces every light, without specular light.
+A face that a clip cuts is lit by the clip's normal, which a voxel behind it has become the field's.
 """
 
 from functools import cache
 
 import warp as wp
 
-from .field import make_field
+from .field import make_differences
 from .precision import REALS, vec3_of, vec4_of
 from .scene import make_scene
 from .transfer import make_transfer
@@ -19,6 +20,10 @@ from .transfer import make_transfer
 def intensity_of(real):
     """(diffuse red, green, blue, specular red, green, blue)."""
     return wp.types.vector(6, real)
+
+
+# Least gradient of a clip's surface [range of the transfer function a voxel].
+CUT = 0.01
 
 
 @cache
@@ -75,7 +80,7 @@ def make_shading(variant):
     vec4 = vec4_of(real)
     Intensity = intensity_of(real)
     Scene = make_scene(variant)
-    _, value = make_field(variant.dtype, real)
+    differences = make_differences(variant.dtype, real, variant.gradient)
     mat33 = wp.mat33d if real is wp.float64 else wp.mat33
     surface, shine = make_shine(variant)
 
@@ -88,27 +93,28 @@ def make_shading(variant):
         return -vec3(real(ahead[0]), real(ahead[1]), real(ahead[2]))
 
     @wp.func
+    def towards_cut(scene: Scene, p: vec3, g: vec3):
+        """Where the ray enters through a clip the surface is the clip's; a voxel behind it, it is the field's."""
+        normal = vec3(real(scene.cut[0]), real(scene.cut[1]), real(scene.cut[2]))
+        behind = wp.length(p - vec3(real(scene.cut_point[0]), real(scene.cut_point[1]), real(scene.cut_point[2])))
+        if behind < real(1.0) and wp.dot(normal, normal) > real(0.0):
+            # Two gradients with one of two signs: that which agrees with the normal.
+            side = wp.where(wp.dot(normal, g) < real(0.0), real(-1.0), real(1.0))
+            strength = wp.max(wp.length(g), real(wp.static(CUT)))
+            g = behind * g + (real(1.0) - behind) * side * strength * normal
+        return g
+
+    @wp.func
     def gradient(scene: Scene, p: vec3):
         """Scalars per world length; 0 where data are absent."""
-        g = vec3()
-        for a in range(3):
-            low = p
-            high = p
-            if wp.static(variant.gradient == "cell"):
-                # Differences over the cell: trilinear interpolation is linear along each axis.
-                cell = real(wp.max(wp.min(int(p[a]), scene.field.last[a]), 0))
-                low[a] = cell
-                high[a] = cell + real(1.0)
-            else:
-                # A voxel to each side, as far as there are samples.
-                low[a] = wp.max(p[a] - real(1.0), real(0.0))
-                high[a] = wp.min(p[a] + real(1.0), real(scene.field.last[a] + 1))
-            if high[a] > low[a]:
-                g[a] = (value(scene.field, high) - value(scene.field, low)) / (high[a] - low[a])
+        g = differences(scene.field, p)
         if not wp.static(variant.finite):
             if not (wp.isfinite(g[0]) and wp.isfinite(g[1]) and wp.isfinite(g[2])):
                 return vec3()
-        return mat33(scene.shading.to_world) @ g
+        g = mat33(scene.shading.to_world) @ g
+        if wp.static(variant.clipped):
+            g = towards_cut(scene, p, g)
+        return g
 
     @wp.func
     def light(scene: Scene, g: vec3, eye: vec3):

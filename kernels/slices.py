@@ -14,8 +14,10 @@ from functools import cache
 
 import warp as wp
 
+from .clip import make_shown
 from .field import make_field
 from .importance import MARGIN, make_leap
+from .label import make_label_at
 from .precision import REALS, vec3_of, vec4_of
 from .ray import entry, pixel
 from .scene import make_scene
@@ -67,12 +69,35 @@ def make_slices(variant):
     seen = make_point(variant)
     absorbed, _ = make_absorbed(real)
     leap = make_leap(real)
+    clipped = variant.naive
+    labelled = variant.labels is not None
+    shown = make_shown(variant.clips or wp.uint8)
+    label_at = make_label_at(variant.labels or wp.uint8, variant.precision)
+
+    @wp.func
+    def there(scene: Scene, p: vec3):
+        """Whether clips and labels leave a point; its label's transfer function is then the scene's."""
+        if wp.static(clipped or labelled):
+            place = wp.vec3d(wp.float64(p[0]), wp.float64(p[1]), wp.float64(p[2]))
+            if wp.static(clipped):
+                if not shown(scene.clipping, place):
+                    return False
+            if wp.static(labelled):
+                state = label_at(scene.labels, scene.field.last, place)
+                if state < 0 or state >= scene.labels.transfers.shape[0]:
+                    return False
+                scene.transfer = scene.labels.transfers[state]
+                if wp.static(preintegrated):
+                    scene.table = scene.labels.tables[state]
+        return True
 
     @wp.func
     def tissue(scene: Scene, origin: vec3, direction: vec3, eye: vec3, a: real, h: real, front: real, back: real):
         """Colour and extinction of the stretch [a, a + h] of a ray; the scalars at its ends are for the table."""
         q = vec4()
         middle = a + real(0.5) * h
+        if not there(scene, origin + middle * direction):
+            return q
         if wp.static(preintegrated):
             if wp.static(finite) or (wp.isfinite(front) and wp.isfinite(back)):
                 q = lookup(scene.table, front, back)
@@ -119,12 +144,14 @@ def make_slices(variant):
             t = a + real(n) * h
             if wp.static(preintegrated):
                 back = value(scene.field, p + (t + h) * d)
-                if wp.static(finite) or (wp.isfinite(front) and wp.isfinite(back)):
+                leaves = there(scene, p + (t + real(0.5) * h) * d)
+                if leaves and (wp.static(finite) or (wp.isfinite(front) and wp.isfinite(back))):
                     total += wp.max(lookup(scene.table, front, back)[3], real(0.0))
                 front = back
             else:
                 s = value(scene.field, p + (t + real(0.5) * h) * d)
-                if wp.static(finite) or wp.isfinite(s):
+                leaves = there(scene, p + (t + real(0.5) * h) * d)
+                if leaves and (wp.static(finite) or wp.isfinite(s)):
                     k = interval(scene.transfer, s)
                     total += wp.max(
                         scene.transfer.value[k][3] + (s - scene.transfer.knot[k]) * scene.transfer.slope[k][3],
@@ -206,9 +233,7 @@ def make_slices(variant):
         corners = at(light, j - 1, i - 1) + at(light, j - 1, i + 1)
         corners += at(light, j + 1, i - 1) + at(light, j + 1, i + 1)
         four = real(4.0) * L
-        L += q * (
-            (real(0.5) - q) * (near - four) + q * (real(0.125) * (far - four) + real(0.25) * (corners - four))
-        )
+        L += q * ((real(0.5) - q) * (near - four) + q * (real(0.125) * (far - four) + real(0.25) * (corners - four)))
         if last:
             L -= L * rest[j, i]
         result[j, i] = L
@@ -250,8 +275,6 @@ def make_slices(variant):
         if y >= scene.view.height:
             return
         before = rgba[y, x]
-        if before[3] > scene.steps.opaque:
-            return
         point, way, inside = entry(scene.view, x, y)
         if not inside > wp.float64(0.0):
             return
@@ -259,6 +282,8 @@ def make_slices(variant):
         z = wp.dot(sweep.ahead, point) + sweep.offset
         rate = wp.dot(sweep.ahead, way)
         onward = rate > wp.float64(0.0)
+        if onward and before[3] > scene.steps.opaque:
+            return
         edge = sweep.start + sweep.thickness * wp.float64(wp.where(onward, first, first + count))
         begin = (edge - z) / rate
         step = sweep.thickness / wp.abs(rate)
@@ -290,8 +315,8 @@ def make_slices(variant):
         evaluated = int(0)
         i = wp.max(int(wp.floor(-t0 / h0)), 0)
         idle = bool(True)
-        known = int(-1)  # slab whose end's light is ``far``
-        measured = int(-1)  # and whose end's scalar is ``front``
+        known = int(-2)  # slab whose end's light is ``far``
+        measured = int(-2)  # and whose end's scalar is ``front``
         far = real(0.0)
         front = real(0.0)
         while i < count and ray[3] <= scene.steps.opaque:

@@ -10,9 +10,11 @@ from functools import cache
 
 import warp as wp
 
+from .clip import make_shown
 from .field import make_field
 from .importance import MARGIN, make_leap
 from .lit import make_lit
+from .partial import make_partial
 from .precision import REALS, vec3_of, vec4_of
 from .scene import make_scene
 from .segment import make_interval, make_opacities, over, widened
@@ -83,6 +85,21 @@ def make_uniform(variant):
     opacities = make_opacities(real, PACKET)
     linear_segment = make_linear_segment(real)
     leap = make_leap(real)
+    shown = make_shown(variant.clips or wp.uint8)
+    partial = make_partial(variant, linear_segment)
+
+    @wp.func
+    def place(origin: vec3, direction: vec3, t: real):
+        """A point of the ray."""
+        p = origin + t * direction
+        return wp.vec3d(wp.float64(p[0]), wp.float64(p[1]), wp.float64(p[2]))
+
+    @wp.func
+    def drawn(scene: Scene, origin: vec3, direction: vec3, t: real):
+        """Whether naive clips leave the sample at t."""
+        if wp.static(variant.naive):
+            return shown(scene.clipping, place(origin, direction, t))
+        return True
 
     @wp.func
     def present(s: real):
@@ -188,30 +205,24 @@ def make_uniform(variant):
                 for l in range(wp.static(PACKET)):
                     # The last step is what is left of the ray; lanes beyond have no length.
                     h = wp.clamp(length - real(i + l) * step, real(0.0), step)
-                    if h > real(0.0) and present(front) and present(s[l]):
+                    a = wp.min(real(i + l) * step, length)
+                    if h > real(0.0) and present(front) and present(s[l]) and drawn(scene, origin, direction, a):
                         if wp.static(lighted):
                             if absorbs(scene, front, s[l]):
                                 if shone != i + l:
-                                    start = light_ends(scene, origin, direction, real(i + l) * step, eye)
-                                stop = light_ends(scene, origin, direction, real(i + l) * step + h, eye)
-                                ray = over(
-                                    ray,
-                                    lit_segment(
-                                        scene,
-                                        origin,
-                                        direction,
-                                        eye,
-                                        real(i + l) * step,
-                                        h,
-                                        i + l < count - 1,
-                                        front,
-                                        s[l],
-                                        start,
-                                        stop,
-                                    ),
+                                    start = light_ends(scene, origin, direction, a, eye)
+                                stop = light_ends(scene, origin, direction, a + h, eye)
+                                whole = i + l < count - 1
+                                segment = lit_segment(
+                                    scene, origin, direction, eye, a, h, whole, front, s[l], start, stop
                                 )
+                                ray = over(ray, segment)
                                 start = stop
                                 shone = i + l + 1
+                        elif wp.static(variant.parts is not None):
+                            p = place(origin, direction, a)
+                            q = place(origin, direction, a + h)
+                            ray = over(ray, partial(scene, p, q, front, s[l], h))
                         elif i + l < count - 1:
                             ray = over(ray, widened(lookup(scene.table, front, s[l])))
                         else:
@@ -224,8 +235,12 @@ def make_uniform(variant):
                 depth = packet()
                 for l in range(wp.static(PACKET)):
                     h = wp.clamp(length - real(i + l) * step, real(0.0), step)
-                    if present(front) and present(middle[l]) and present(s[l]):
-                        q = sampled(scene, origin, direction, eye, real(i + l) * step, h, front, middle[l], s[l])
+                    a = wp.min(real(i + l) * step, length)
+                    at = a
+                    if wp.static(rule == "midpoint"):
+                        at += real(0.5) * h
+                    if present(front) and present(middle[l]) and present(s[l]) and drawn(scene, origin, direction, at):
+                        q = sampled(scene, origin, direction, eye, a, h, front, middle[l], s[l])
                         red[l] = q[0]
                         green[l] = q[1]
                         blue[l] = q[2]

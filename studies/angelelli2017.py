@@ -289,9 +289,9 @@ def figure3(folder: Path, quick: bool) -> str:
             if method.distance in (0.5, 1.0, 2.0):
                 images[f"{name} {method.distance:g}"] = method.render(scene), f"aliasing {error:.4f}"
     panels(folder, "figure3", images, zoom=2)
-    best = {name: coarsest(errors) for name, errors in found.items()}
+    limits = {name: coarsest(errors) for name, errors in found.items()}
     return "Free of aliasing up to " + ", ".join(
-        f"{m.distance:g} ({n})" if m else f"none ({n})" for n, m in best.items()
+        f"{m.distance:g} ({n})" if m else f"none ({n})" for n, m in limits.items()
     )
 
 

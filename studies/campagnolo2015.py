@@ -1,8 +1,8 @@
 """Campagnolo, Celes and de Figueiredo, "Accurate Volume Rendering based on Adaptive Numerical Integration" (2015).
 
-Tables I to VI and Figures 2 to 6, the paper's numbers beside ours: ``python -m studies.campagnolo2015 [--quick]``.
-The volumes are those of the paper where they lie in ``../shared/data``, else generated ones stand in for them; its
-transfer functions and views are not published, so ours look like its Figure 3, and shares and times compare in kind.
+Tables I to VI and Figures 2 to 6, the paper's numbers beside ours. The volumes are those of the paper where they are
+there, else generated ones stand in for them; its transfer functions and views are not published, so ours look like its
+Figure 3, and shares and times compare in kind.
 
 Two choices make the paper's numbers what they are, and are followed here. Its Riemann sum is of first order (five times
 the step, five times the error): opacity tau h of samples at the front of a step, without the exponential, called
@@ -13,10 +13,9 @@ would ever be halved. Nothing leaps over empty space here.
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -31,124 +30,76 @@ from benchmarks.harness import COLORS, save_figure
 from wvr.color import linear_to_srgb
 from wvr.launch import get_device
 
-from .common import output, write_rows
+from . import scenes as views
+from .common import write_rows
+from .scenes import Points, Scene, picture
+from .study import Study
 
-PAPER = json.loads((Path(__file__).parent / "data" / "campagnolo2015.json").read_text(encoding="utf-8"))
-DATA = Path(__file__).parents[1] / "../shared/data"
+STUDY = Study("campagnolo2015")
+PAPER = STUDY.paper
 STEPS = (0.5, 0.4, 0.3, 0.2, 0.1)
 TOLERANCES = (0.01, 0.005, 0.001)
 REFERENCE_STEP = 0.01
 CHANNELS = ("R", "G", "B", "A")
 
-# (volume, stand-in, control points, direction towards the camera, up, angle of view), in the order of the tables.
-SCENES: dict[str, tuple[str, str, list, tuple, tuple, float]] = {
-    "BluntFin": (
-        "bluntfin",
-        "turbulence",
-        [
-            (0.35, (0, 0, 0.6), 0.0),
-            (0.75, (0, 0.1, 1), 0.05),
-            (1.0, (0, 0.2, 1), 0.03),
-            (1.3, (0, 0.8, 0.5), 0.06),
-            (1.7, (0.2, 0.9, 0), 0.15),
-            (2.3, (1, 0.8, 0), 0.4),
-            (3.2, (1, 0.2, 0), 0.6),
-            (4.9, (1, 0, 0), 0.8),
-        ],
-        (-0.6, 0.55, 0.65),
-        (0, 1, 0),
-        20.0,
-    ),
-    "Bonsai": (
-        "bonsai",
-        "tree",
-        [
-            (10, (0, 0.5, 0), 0.0),
-            (60, (0.1, 0.7, 0), 0.2),
-            (110, (0.6, 0.3, 0), 0.2),
-            (170, (0.7, 0.3, 0), 0.6),
-            (255, (0.9, 0.4, 0), 0.8),
-        ],
-        (0.35, 0.25, 1),
-        (0, 1, 0),
-        20.0,
-    ),
-    "Teapot": (
-        "teapot",
-        "spheres",
-        [
-            (30, (0.6, 0.1, 0), 0.0),
-            (52, (0.9, 0.2, 0.1), 0.15),
-            (75, (0.8, 0.3, 0.1), 0.03),
-            (95, (0.7, 0.6, 0.3), 0.02),
-            (125, (1, 0.8, 0.4), 0.12),
-            (150, (1, 0.9, 0.7), 0.3),
-        ],
-        (0.25, -0.45, -1),
-        (0, -1, 0),
-        20.0,
-    ),
-    "Engine": (
-        "engine",
-        "blobs",
-        [
-            (80, (0.2, 0.3, 0.6), 0.0),
-            (140, (0.4, 0.5, 0.8), 0.04),
-            (175, (0.5, 0.5, 0.6), 0.03),
-            (195, (0.9, 0.6, 0.2), 0.03),
-            (220, (1, 0.5, 0.1), 0.4),
-            (255, (1, 0.8, 0.4), 0.6),
-        ],
-        (0.8, -0.7, -0.6),
-        (0, 0, -1),
-        20.0,
-    ),
+# Control points, in the order of the tables.
+SCENES: dict[str, Points] = {
+    "BluntFin": [
+        (0.35, (0, 0, 0.6), 0.0),
+        (0.75, (0, 0.1, 1), 0.05),
+        (1.0, (0, 0.2, 1), 0.03),
+        (1.3, (0, 0.8, 0.5), 0.06),
+        (1.7, (0.2, 0.9, 0), 0.15),
+        (2.3, (1, 0.8, 0), 0.4),
+        (3.2, (1, 0.2, 0), 0.6),
+        (4.9, (1, 0, 0), 0.8),
+    ],
+    "Bonsai": [
+        (10, (0, 0.5, 0), 0.0),
+        (60, (0.1, 0.7, 0), 0.2),
+        (110, (0.6, 0.3, 0), 0.2),
+        (170, (0.7, 0.3, 0), 0.6),
+        (255, (0.9, 0.4, 0), 0.8),
+    ],
+    "Teapot": [
+        (30, (0.6, 0.1, 0), 0.0),
+        (52, (0.9, 0.2, 0.1), 0.15),
+        (75, (0.8, 0.3, 0.1), 0.03),
+        (95, (0.7, 0.6, 0.3), 0.02),
+        (125, (1, 0.8, 0.4), 0.12),
+        (150, (1, 0.9, 0.7), 0.3),
+    ],
+    "Engine": [
+        (80, (0.2, 0.3, 0.6), 0.0),
+        (140, (0.4, 0.5, 0.8), 0.04),
+        (175, (0.5, 0.5, 0.6), 0.03),
+        (195, (0.9, 0.6, 0.2), 0.03),
+        (220, (1, 0.5, 0.1), 0.4),
+        (255, (1, 0.8, 0.4), 0.6),
+    ],
 }
 
 
-@dataclass(frozen=True)
-class Scene:
-    """A volume as the paper shows it."""
-
-    name: str
-    volume: wvr.Volume
-    tf: wvr.TransferFunction
-    camera: wvr.Camera
-    size: tuple[int, int]
-
-    def render(self, integrator: Any, tf: wvr.TransferFunction | None = None, skip_empty: bool = False) -> wvr.Image:
-        """With every sample computed, and rays followed to where 1e-5 of the light is left."""
-        return wvr.render(
-            self.volume,
-            self.tf if tf is None else tf,
-            self.camera,
-            self.size,
-            integrator=integrator,
-            termination=1e-5,
-            skip_empty=skip_empty,
-        )
-
-    def riemann(self, h: float, skip_empty: bool = False) -> wvr.Image:
-        """As the paper sums: the opacity of a step is tau h, at its front."""
-        tf = linear_opacity(self.tf, self.volume.smallest_spacing, h)
-        return self.render(wvr.Riemann(h, "left"), tf, skip_empty)
-
-
+@cache
 def make_scene(name: str, quick: bool) -> Scene:
     """A scene of the paper or, where its volume is not there, its stand-in."""
-    stem, generated, points, direction, up, angle = SCENES[name]
-    path = DATA / f"{stem}.nrrd"
-    if path.exists() and not quick:
-        volume = wvr.read(path)
-    else:
-        volume = wvr.datasets.load(generated, 32 if quick else 192)
-        low, high = volume.range
-        first, last = points[0][0], points[-1][0]
-        scale = (high - low) / (last - first)
-        points = [(low + (s - first) * scale, color, opacity) for s, color, opacity in points]
-    fit = wvr.Camera.fit(volume, direction=direction, up=up)
-    camera = wvr.Camera(fit.position, fit.target, up=up, view_angle=angle)
-    return Scene(name, volume, wvr.TransferFunction(points), camera, (80, 60) if quick else (800, 600))
+    stem, points = name.lower(), SCENES[name]
+    volume = views.load(stem, quick)
+    if quick or not views.is_there(stem):
+        points = views.stretched(points, (points[0][0], points[-1][0]), volume)
+    size = (80, 60) if quick else (800, 600)
+    return Scene(name, volume, wvr.TransferFunction(points), views.camera(stem, volume, view_angle=20.0), size)
+
+
+def render(scene: Scene, integrator: Any, skip_empty: bool = False) -> wvr.Image:
+    """With every sample computed, and rays followed to where 1e-5 of the light is left."""
+    return scene.render(integrator, termination=1e-5, skip_empty=skip_empty)
+
+
+def riemann(scene: Scene, h: float, skip_empty: bool = False) -> wvr.Image:
+    """As the paper sums: the opacity of a step is tau h, at its front."""
+    tf = linear_opacity(scene.transfer_function, scene.volume.smallest_spacing, h)
+    return render(replace(scene, transfer_function=tf), wvr.Riemann(h, "left"), skip_empty)
 
 
 def linear_opacity(tf: wvr.TransferFunction, unit: float, h: float, entries: int = 4096) -> wvr.TransferFunction:
@@ -168,32 +119,57 @@ def adaptive(tolerance: float, coupling: str = "coupled", **options: Any) -> wvr
 # --- Tables I, II and VI, Figures 4 and 5 -----------------------------------------------------------------------------
 
 
-def references(scene: Scene) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+@cache
+def references(name: str, quick: bool) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """The exact image, and the paper's reference: a fine sum."""
-    return scene.render(wvr.Exact(), skip_empty=True).rgba, scene.riemann(REFERENCE_STEP, skip_empty=True).rgba
+    scene = make_scene(name, quick)
+    return render(scene, wvr.Exact(), skip_empty=True).rgba, riemann(scene, REFERENCE_STEP, skip_empty=True).rgba
 
 
-def accuracy(
-    folder: Path, scene: Scene, table: str, figure: str, exact: NDArray[np.floating], sums: NDArray[np.floating]
-) -> None:
+@STUDY.part("Table I and Figure 4")
+def table1(folder: Path, quick: bool) -> str:
+    """Rays over the tolerances, Bonsai."""
+    return accuracy(folder, "Bonsai", "I", "figure4", quick)
+
+
+@STUDY.part("Table II and Figure 5")
+def table2(folder: Path, quick: bool) -> str:
+    """Rays over the tolerances, BluntFin."""
+    return accuracy(folder, "BluntFin", "II", "figure5", quick)
+
+
+def accuracy(folder: Path, name: str, table: str, figure: str, quick: bool) -> str:
     """Rays over the tolerances."""
+    scene, (exact, sums) = make_scene(name, quick), references(name, quick)
     images: dict[str, dict[float, wvr.Image]] = {}
     for h in STEPS:
-        images[f"Riemann h = {h:g}"] = dict.fromkeys(TOLERANCES, scene.riemann(h))
+        images[f"Riemann h = {h:g}"] = dict.fromkeys(TOLERANCES, riemann(scene, h))
     for h in STEPS:
-        images[f"midpoint h = {h:g}"] = dict.fromkeys(TOLERANCES, scene.render(wvr.Riemann(h)))
+        images[f"midpoint h = {h:g}"] = dict.fromkeys(TOLERANCES, render(scene, wvr.Riemann(h)))
     for coupling in ("coupled", "decoupled"):
-        images[coupling.capitalize()] = {t: scene.render(adaptive(t, coupling)) for t in TOLERANCES}
-    images["Coupled, tolerance of a step"] = {t: scene.render(adaptive(t, scope="step")) for t in TOLERANCES}
+        images[coupling.capitalize()] = {t: render(scene, adaptive(t, coupling)) for t in TOLERANCES}
+    images["Coupled, tolerance of a step"] = {t: render(scene, adaptive(t, scope="step")) for t in TOLERANCES}
     rows = _share_rows(table, images, exact, sums)
     between = wvr.compare(sums, exact)
-    print(f"{scene.name}: Riemann h = {REFERENCE_STEP:g} against Exact\n{between}")
     rows.append(
         {"method": f"Riemann h = {REFERENCE_STEP:g}", "limit": "max"}
         | {f"{c} of exact": float(m) for c, m in zip(CHANNELS, between.channel_max, strict=True)}
     )
     write_rows(folder, f"table{table}", f"Table {table}: {PAPER[table]['title']}", rows)
     _histogram(folder / figure, scene.name, rows)
+    limit = TOLERANCES[-1]
+
+    def worst(method: str, label: str = "of exact") -> str:
+        row = next(row for row in rows if row["method"] == method and row["limit"] == limit)
+        return f"{max(row[f'{c} {label}'] for c in CHANNELS):.2g} %"
+
+    return (
+        f"Rays over {limit:g} in the worst channel: coupled {worst('Coupled')} (paper: {worst('Coupled', 'paper')}), "
+        f"decoupled {worst('Decoupled')} ({worst('Decoupled', 'paper')}), the paper's Riemann sum of h = 0.1 "
+        f"{worst('Riemann h = 0.1')} ({worst('Riemann h = 0.1', 'paper')}), the midpoint rule of h = 0.1 "
+        f"{worst('midpoint h = 0.1')}. The paper's reference, a sum of h = {REFERENCE_STEP:g}, is itself off by up to "
+        f"{between.max:.1e}."
+    )
 
 
 def _share_rows(
@@ -219,7 +195,7 @@ def _share_rows(
 def _histogram(path: Path, name: str, rows: list[dict[str, Any]]) -> None:
     """Share of rays over the smallest tolerance, the paper's and ours."""
     rows = [row for row in rows if row["limit"] == TOLERANCES[-1]]
-    figure = Figure(figsize=(9, 6), layout="constrained")
+    figure = Figure(figsize=(9, 6))
     panels = figure.subplots(2, 1, sharey=True)
     for axes, label, title in zip(panels, ("paper", "of exact"), ("the paper", "wvr, against Exact"), strict=True):
         shown = [row for row in rows if row[f"A {label}"] is not None]
@@ -230,20 +206,21 @@ def _histogram(path: Path, name: str, rows: list[dict[str, Any]]) -> None:
         axes.set_xticks(np.arange(len(shown)), names)
         axes.tick_params(axis="x", labelsize="x-small")
         axes.set(yscale="log", ylim=(1e-3, 100), ylabel="rays over 0.001 [%]", title=f"{name}: {title}")
-        axes.grid(axis="y", color="0.9")
-        axes.set_axisbelow(True)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=4, frameon=False)
+        axes.grid(axis="y")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=4)
     save_figure(figure, path)
 
 
-def wide_steps(folder: Path, scene: Scene, exact: NDArray[np.floating], sums: NDArray[np.floating]) -> None:
-    """Tables V and VI: Bonsai with hmin = 0.4 and hmax = 4."""
+@STUDY.part("Tables V and VI")
+def wide_steps(folder: Path, quick: bool) -> str:
+    """Bonsai with steps from 0.4 to 4 voxels."""
+    scene, (exact, sums) = make_scene("Bonsai", quick), references("Bonsai", quick)
     limit = TOLERANCES[-1]
     methods = {name: adaptive(limit, name.lower(), hmin=0.4, hmax=4.0) for name in ("Coupled", "Decoupled")}
-    images = {"Riemann h = 0.1": {limit: scene.riemann(0.1)}}
-    images |= {name: {limit: scene.render(integrator)} for name, integrator in methods.items()}
-    rows = _share_rows("VI", images, exact, sums)
-    write_rows(folder, "tableVI", f"Table VI: {PAPER['VI']['title']}", rows)
+    images = {"Riemann h = 0.1": {limit: riemann(scene, 0.1)}}
+    images |= {name: {limit: render(scene, integrator)} for name, integrator in methods.items()}
+    shares = _share_rows("VI", images, exact, sums)
+    write_rows(folder, "tableVI", f"Table VI: {PAPER['VI']['title']}", shares)
     times = fastest(scene, {"Riemann h = 0.1": wvr.Riemann(0.1)} | methods, "cpu")
     rows = []
     for (method, paper), time in zip(PAPER["V"]["rows"].items(), times.values(), strict=True):
@@ -252,6 +229,15 @@ def wide_steps(folder: Path, scene: Scene, exact: NDArray[np.floating], sums: ND
         row = {"method": method, "paper s": paper[0], "s": time, "paper ratio": paper[0] / baseline}
         rows.append(row | {"ratio": time / first})
     write_rows(folder, "tableV", f"Table V: {PAPER['V']['title']}", rows)
+    return (
+        f"Over {limit:g} in opacity, and time: "
+        + "; ".join(
+            f"{share['method']} {share['A of exact']:.2g} % (paper: {share['A paper']:.2g} %), {row['ratio']:.2f} "
+            f"({row['paper ratio']:.2f})"
+            for share, row in zip(shares, rows, strict=True)
+        )
+        + "."
+    )
 
 
 # --- Tables III and IV ------------------------------------------------------------------------------------------------
@@ -260,7 +246,9 @@ def wide_steps(folder: Path, scene: Scene, exact: NDArray[np.floating], sums: ND
 def fastest(scene: Scene, integrators: dict[str, Any], device: str, rounds: int = 2) -> dict[str, float]:
     """Seconds of casting the rays: the faster of two rounds, in which the methods take turns."""
     renderers = {
-        name: wvr.Renderer(scene.volume, scene.tf, integrator=integrator, device=device, skip_empty=False)
+        name: wvr.Renderer(
+            scene.volume, scene.transfer_function, integrator=integrator, device=device, skip_empty=False
+        )
         for name, integrator in integrators.items()
     }
     for renderer in renderers.values():
@@ -272,8 +260,14 @@ def fastest(scene: Scene, integrators: dict[str, Any], device: str, rounds: int 
     return {name: min(time[name] for time in times) for name in renderers}
 
 
-def speed(folder: Path, scenes: Sequence[Scene], device: str) -> None:
-    """Table III on the CPU, Table IV on a CUDA device."""
+@STUDY.part("Tables III and IV")
+def speed(folder: Path, quick: bool) -> str:
+    """Table III on the CPU, Table IV on a CUDA device where there is one."""
+    scenes = [make_scene(name, quick) for name in SCENES]
+    return " ".join(_speed(folder, scenes, device.alias) for device in (get_device("cpu"), *wp.get_cuda_devices()[:1]))
+
+
+def _speed(folder: Path, scenes: Sequence[Scene], device: str) -> str:
     table = "III" if device == "cpu" else "IV"
     integrators: dict[str, Any] = {f"Riemann h = {h:g}": wvr.Riemann(h) for h in STEPS}
     for tolerance in TOLERANCES:
@@ -291,7 +285,7 @@ def speed(folder: Path, scenes: Sequence[Scene], device: str) -> None:
             row[f"{scene.name} ratio"] = times[row["method"]] / times[first]
     title = f"Table {table}: {PAPER[table]['title']}; {wvr.get_num_threads()} threads, ratios to {first}"
     write_rows(folder, f"table{table}", title, rows)
-    figure = Figure(figsize=(8, 4), layout="constrained")
+    figure = Figure(figsize=(8, 4))
     panels = figure.subplots(1, 2, sharey=True)
     for axes, label, title in zip(panels, ("paper ratio", "ratio"), ("the paper", "wvr"), strict=True):
         for i, scene in enumerate(scenes):
@@ -302,23 +296,34 @@ def speed(folder: Path, scenes: Sequence[Scene], device: str) -> None:
         axes.xaxis.set_major_locator(FixedLocator([1, 2, 3, 4, 5]))
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_locator(NullLocator())
-        axes.grid(color="0.9")
+        axes.grid()
     panels[0].set_yticks(np.arange(len(rows)), [row["method"] for row in rows], fontsize="small")
     panels[0].invert_yaxis()
-    figure.legend(*panels[1].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
+    figure.legend(*panels[1].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     save_figure(figure, folder / f"table{table}")
+    row = next(row for row in rows if row["method"] == f"Coupled ε = {TOLERANCES[-1]:g}")
+    return (
+        f"Coupled at {TOLERANCES[-1]:g} takes, over {first} on {device}: "
+        + ", ".join(
+            f"{scene.name} {row[f'{scene.name} ratio']:.2f} (paper: {row[f'{scene.name} paper ratio']:.2f})"
+            for scene in scenes
+        )
+        + "."
+    )
 
 
 # --- Figures 2, 3 and 6 -----------------------------------------------------------------------------------------------
 
 
-def figure2(folder: Path, scene: Scene) -> None:
+@STUDY.part("Figure 2")
+def figure2(folder: Path, quick: bool) -> str:
     """What a step without a longest length leaps over."""
+    scene = make_scene("Bonsai", quick)
     longest = {"no hmax": 1e4, "hmax = 8": 8.0}
     images = {
-        name: scene.render(adaptive(TOLERANCES[0], hmax=hmax)).composited("white") for name, hmax in longest.items()
+        name: render(scene, adaptive(TOLERANCES[0], hmax=hmax)).composited("white") for name, hmax in longest.items()
     }
-    figure = Figure(figsize=(9, 2.6), layout="constrained")
+    figure = Figure(figsize=(9, 2.6))
     panels = figure.subplots(1, 3)
     for axes, (name, rgb) in zip(panels, images.items(), strict=False):
         axes.imshow(np.clip(linear_to_srgb(rgb), 0, 1))
@@ -328,33 +333,41 @@ def figure2(folder: Path, scene: Scene) -> None:
     panels[2].set(title="largest difference of a channel", xticks=[], yticks=[])
     figure.colorbar(shown, ax=panels[2])
     save_figure(figure, folder / "figure2")
+    share = np.mean(difference > 1 / 256)
+    return f"Without a longest step {share:.2%} of pixels differ by more than 1/256, by {difference.max():.2f} at most."
 
 
-def figure3(folder: Path, scenes: Sequence[Scene]) -> None:
+@STUDY.part("Figure 3")
+def figure3(folder: Path, quick: bool) -> str:
     """The scenes and their transfer functions."""
-    figure = Figure(figsize=(7, 6.6), layout="constrained")
+    scenes = [make_scene(name, quick) for name in SCENES]
+    figure = Figure(figsize=(7, 6.6))
     panels = figure.subplots(4, 2, height_ratios=[4, 1, 4, 1])
     for i, scene in enumerate(scenes):
         top, bottom = panels[i // 2 * 2, i % 2], panels[i // 2 * 2 + 1, i % 2]
-        rgb = scene.render(adaptive(TOLERANCES[0])).composited("white")
-        top.imshow(np.clip(linear_to_srgb(rgb), 0, 1))
+        top.imshow(picture(render(scene, adaptive(TOLERANCES[0]))))
         top.set(title=f"{scene.name}, {' x '.join(map(str, scene.volume.dimensions))}", xticks=[], yticks=[])
         s = np.linspace(*scene.volume.range, 400)
-        opacity = -np.expm1(-scene.tf.extinction(s, scene.volume.smallest_spacing) * scene.volume.smallest_spacing)
-        bottom.bar(s, opacity, s[1] - s[0], color=np.clip(linear_to_srgb(scene.tf.color(s)), 0, 1))
+        unit = scene.volume.smallest_spacing
+        opacity = -np.expm1(-scene.transfer_function.extinction(s, unit) * unit)
+        bottom.bar(s, opacity, s[1] - s[0], color=np.clip(linear_to_srgb(scene.transfer_function.color(s)), 0, 1))
         bottom.set(xlabel="scalar", ylabel="opacity\nof a voxel", xlim=scene.volume.range, ylim=(0, 1))
     save_figure(figure, folder / "figure3")
+    stand_ins = [scene.name for scene in scenes if quick or not views.is_there(scene.name.lower())]
+    return f"Generated volumes stand in for {', '.join(stand_ins)}." if stand_ins else "The paper's volumes."
 
 
-def figure6(folder: Path, scene: Scene) -> None:
+@STUDY.part("Figure 6")
+def figure6(folder: Path, quick: bool) -> str:
     """The steps of a ray, hmin = 0.4 and hmax = 4, tolerance 0.01."""
-    image = scene.render(adaptive(TOLERANCES[0], hmin=0.4, hmax=4.0))
+    scene = make_scene("Bonsai", quick)
+    image = render(scene, adaptive(TOLERANCES[0], hmin=0.4, hmax=4.0))
     alpha = image.rgba[..., 3]
     busiest = np.where((alpha > 0.5) & (alpha < 0.98), image.samples, 0)
     y, x = np.unravel_index(np.argmax(busiest), busiest.shape)
     steps = image.trace(int(x), int(y))
-    fine = scene.render(adaptive(1e-6, h0=0.05, hmin=0.01, hmax=0.1)).trace(int(x), int(y))
-    figure = Figure(figsize=(8, 5), layout="constrained")
+    fine = render(scene, adaptive(1e-6, h0=0.05, hmin=0.01, hmax=0.1)).trace(int(x), int(y))
+    figure = Figure(figsize=(8, 5))
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     ends, fine_ends = steps["t"] + steps["length"], fine["t"] + fine["length"]
     top.plot(fine_ends, fine["rgba"][:, 3], color="0.6", lw=1, label="steps of at most 0.1")
@@ -363,34 +376,17 @@ def figure6(folder: Path, scene: Scene) -> None:
     if forced.any():
         top.plot(ends[forced], steps["rgba"][forced, 3], "o", ms=3, color=COLORS[3], label="forced")
     top.set(ylabel="opacity", title=f"{scene.name}, ray of pixel ({x}, {y}): {len(steps)} steps")
-    figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     bottom.step(np.append(steps["t"], ends[-1:]), np.append(steps["length"], steps["length"][-1:]), where="post")
     bottom.set(xlabel="position along the ray [voxels]", ylabel="step [voxels]")
     for axes in (top, bottom):
-        axes.grid(color="0.9")
+        axes.grid()
     save_figure(figure, folder / "figure6")
     columns = {"forced": forced.astype(int)} | {c: steps["rgba"][:, i] for i, c in enumerate(CHANNELS)}
     columns = {key: steps[key] for key in ("t", "length", "tolerance", "depth_error", "error")} | columns
     rows = [dict(zip(columns, (v.item() for v in row), strict=True)) for row in zip(*columns.values(), strict=True)]
     write_rows(folder, "figure6", f"Figure 6: steps of the ray of pixel ({x}, {y})", rows)
-
-
-def main(*arguments: str) -> None:
-    """Run all parts; ``--quick`` is small and takes generated volumes."""
-    quick = "--quick" in arguments
-    folder = output("campagnolo2015")
-    scenes = {name: make_scene(name, quick) for name in SCENES}
-    bonsai = scenes["Bonsai"]
-    figure3(folder, list(scenes.values()))
-    figure2(folder, bonsai)
-    figure6(folder, bonsai)
-    truth = references(bonsai)
-    accuracy(folder, bonsai, "I", "figure4", *truth)
-    wide_steps(folder, bonsai, *truth)
-    accuracy(folder, scenes["BluntFin"], "II", "figure5", *references(scenes["BluntFin"]))
-    for device in (get_device("cpu"), *wp.get_cuda_devices()[:1]):
-        speed(folder, list(scenes.values()), device.alias)
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+    lengths = steps["length"]
+    return (
+        f"{len(steps)} steps of {lengths.min():.2g} to {lengths.max():.2g} voxels, {int(forced.sum())} of them forced."
+    )

@@ -1,4 +1,4 @@
-"""What the studies share: where results go, how they are written, and timing."""
+"""What the studies share: how results are written, and timing."""
 
 from __future__ import annotations
 
@@ -15,16 +15,7 @@ from rich.table import Table
 from benchmarks.harness import machine, write_json
 from wvr.image import whole_file
 
-OUT = Path("out/studies")
-
 Rows = Sequence[Mapping[str, Any]]
-
-
-def output(study: str) -> Path:
-    """The folder of a study's results, made if it is not there."""
-    folder = OUT / study
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
 
 
 def write_rows(folder: Path, name: str, title: str, rows: Rows) -> None:
@@ -32,7 +23,7 @@ def write_rows(folder: Path, name: str, title: str, rows: Rows) -> None:
     columns = list(dict.fromkeys(key for row in rows for key in row))
     table = Table(*columns, title=title)
     for row in rows:
-        table.add_row(*(_text(row.get(column)) for column in columns))
+        table.add_row(*(text(row.get(column)) for column in columns))
     console = Console()
     (console if console.is_terminal else Console(width=200)).print(table)
     with whole_file(folder / f"{name}.csv") as file, file.open("w", newline="", encoding="utf-8") as stream:
@@ -42,8 +33,14 @@ def write_rows(folder: Path, name: str, title: str, rows: Rows) -> None:
     write_json(folder / f"{name}.json", {"title": title, "machine": machine(), "rows": [dict(row) for row in rows]})
 
 
-def _text(value: Any) -> str:
+def text(value: Any) -> str:
+    """A cell of a table."""
     return "" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def spread(values: Sequence[float]) -> str:
+    """From the smallest to the largest."""
+    return f"{min(values):.2g} to {max(values):.2g}"
 
 
 def seconds(work: Callable[[], object], rounds: int = 5) -> float:

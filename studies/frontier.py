@@ -1,27 +1,27 @@
-"""Speed against accuracy: every integrator over its step or tolerance, on scans and generated volumes.
+"""Time against error of every integrator, on scans and simulations, and time against size.
 
-``python -m studies.frontier [--quick]``. For each volume a chart and a table: median seconds a frame, largest and mean
-error of all channels against ``Exact``, with a smooth, a sharp (isosurfaces two grey levels wide) and an opaque
-transfer function; VTK's processor ray caster among them. Then time against size of the volume and of the image, against
-how much of the volume is visible, and against threads.
+For each volume a chart and a table: median seconds a frame, largest and mean error of all channels against ``Exact``,
+with a smooth, a sharp (isosurfaces two grey levels wide) and an opaque transfer function; VTK's processor ray caster
+among them. Then time against size of the volume and of the image, against how much of the volume is visible, and
+against threads.
 
-Scans are those in ``../shared/data``; generated volumes need nothing. Seconds are those of a frame of a renderer that
-has its tables. A ray ends when no more is left than the method may err by: a quarter of the tolerance, or, of a step h,
-h^order / 1024, so that no method waits for what it cannot see. VTK ends where its fixed point does; its image has 8
-bits a channel and is drawn about a pixel wider than its rays are apart, as its largest errors, at outlines, show.
+Seconds are those of a frame of a renderer that has its tables. A ray ends when no more is left than the method may err
+by: a quarter of the tolerance, or, of a step h, h^order / 1024, so that no method waits for what it cannot see. VTK
+ends where its fixed point does; its image has 8 bits a channel and is drawn about a pixel wider than its rays are
+apart, as its largest errors, at outlines, show.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
@@ -29,16 +29,21 @@ from numpy.typing import NDArray
 
 import wvr
 from benchmarks.harness import COLORS, Contender, interleave, save_figure, timed
-from benchmarks.scenes import Scene
 from benchmarks.vtk_cpu import NotAvailableError, VtkCpu
-from wvr.color import linear_to_srgb
 from wvr.integrators import Integrator
 
-from .common import output, write_rows
+from . import scenes as views
+from .common import write_rows
+from .scenes import Scene, picture
+from .study import Study
 
-DATA = Path(__file__).parents[1] / "../shared/data"
-STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)
-TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
+STUDY = Study("frontier", "Time against error of every integrator")
+
+STEPS: Sequence[float] = (2.0, 1.0, 0.5, 0.25, 0.125)
+TOLERANCES: Sequence[float] = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
+QUICK = slice(1, 3)  # of the steps or tolerances
+# Slow frames are measured once; of fast ones the median is taken over as many as fit into these seconds, up to 7.
+PATIENCE = 2.0
 
 
 @dataclass(frozen=True)
@@ -78,35 +83,20 @@ VTK = {"VTK": 1, "VTK, uint16": 257}
 VTK_STYLES = {"VTK": "x-", "VTK, uint16": "+--"}
 VTK_STEPS = STEPS[:-1]
 
-# Of a volume: scalars of three surfaces, from where on it is visible, and the direction towards the camera, and up.
-SCANS: dict[str, tuple[tuple[float, float, float], float, tuple, tuple]] = {
-    "bonsai": ((40, 110, 180), 25, (0.35, 0.25, 1), (0, 1, 0)),
-    "bluntfin": ((0.8, 1.3, 2.5), 0.5, (-0.6, 0.55, 0.65), (0, 1, 0)),
-    "engine": ((90, 150, 210), 70, (0.8, -0.7, -0.6), (0, 0, -1)),
-    "aneurism": ((50, 110, 180), 25, (1, 0.6, 0.4), (0, 0, 1)),
-}
-GENERATED = {
-    "blobs": ((90, 140, 200), 60, (1, 0.6, 0.4), (0, 0, 1)),
-    "tree": ((40, 120, 180), 15, (1, 0.5, 0.35), (0, 0, 1)),
-    "marschner_lobb": ((0.3, 0.5, 0.7), 0.2, (1, 0.6, 0.4), (0, 0, 1)),
-    "turbulence": ((1.0, 1.5, 2.0), 0.7, (1, 0.6, 0.4), (0, 0, 1)),
+# Of a volume: where three surfaces are, and from where on it is visible, as shares of its range.
+SURFACES = {
+    "bonsai": ((0.16, 0.43, 0.71), 0.1),
+    "bluntfin": ((0.17, 0.27, 0.52), 0.1),
+    "aneurism": ((0.2, 0.43, 0.71), 0.1),
+    "blobs": ((0.35, 0.55, 0.78), 0.24),
 }
 PAINT = ((0.10, 0.35, 0.75), (0.90, 0.60, 0.10), (0.80, 0.15, 0.10))
 
 
-def make_volumes(quick: bool) -> Iterable[tuple[str, wvr.Volume]]:
-    """The scans that are there, and the generated volumes."""
-    for name in () if quick else SCANS:
-        if (path := DATA / f"{name}.nrrd").exists():
-            yield name, wvr.read(path)
-    for name in ("blobs",) if quick else GENERATED:
-        yield name, wvr.datasets.load(name, 32 if quick else 256)
-
-
 def make_scenes(name: str, volume: wvr.Volume, size: tuple[int, int]) -> dict[str, Scene]:
     """By transfer function: a volume in perspective."""
-    surfaces, threshold, direction, up = (SCANS | GENERATED)[name]
     low, high = volume.range
+    surfaces, threshold = (low + (high - low) * np.array(shares) for shares in SURFACES[name])
     ramp = (threshold, *surfaces)
     colors = (PAINT[0], *PAINT)
 
@@ -118,29 +108,81 @@ def make_scenes(name: str, volume: wvr.Volume, size: tuple[int, int]) -> dict[st
         "sharp": wvr.TransferFunction.isosurfaces(surfaces, PAINT, opacity=0.6, width=2 * (high - low) / 255),
         "opaque": rising(0.4, 0.8, 0.95),
     }
-    camera = wvr.Camera.fit(volume, direction=direction, up=up)
+    camera = views.camera(name, volume)
     return {kind: Scene(name, volume, tf, camera, size) for kind, tf in transfer_functions.items()}
 
 
 # --- Time against error -----------------------------------------------------------------------------------------------
 
 
-def frontier(folder: Path, name: str, scenes: Mapping[str, Scene], rounds: int, quick: bool) -> None:
-    """Every method on every scene of a volume: the table and the chart."""
+@STUDY.part("Time against error: Bonsai")
+def bonsai(folder: Path, quick: bool) -> str:
+    """CT of a tree: leaves and branches in empty space."""
+    return frontier(folder, "bonsai", quick)
+
+
+@STUDY.part("Time against error: BluntFin")
+def bluntfin(folder: Path, quick: bool) -> str:
+    """Density of a flow, floats: smooth, visible nearly everywhere."""
+    return frontier(folder, "bluntfin", quick)
+
+
+@STUDY.part("Time against error: Aneurism")
+def aneurism(folder: Path, quick: bool) -> str:
+    """Angiogram: vessels, 99 % of the volume empty."""
+    return frontier(folder, "aneurism", quick)
+
+
+def frontier(folder: Path, name: str, quick: bool) -> str:
+    """Every method on every scene of a volume: the table, the chart, and what follows."""
+    volume = views.load(name, quick)
+    scenes = make_scenes(name, volume, (64, 64) if quick else (320, 320))
     rows: list[dict[str, Any]] = []
     pictures = {}
     for kind, scene in scenes.items():
-        exact = wvr.render(
-            scene.volume, scene.transfer_function, scene.camera, scene.size, integrator=wvr.Exact(), device="cpu"
-        )
-        pictures[kind] = np.clip(linear_to_srgb(exact.composited("white")), 0, 1)
-        rows += ({"volume": name, "scene": kind} | row for row in _measure(scene, exact.rgba, rounds, quick))
+        exact = scene.render(wvr.Exact(), device="cpu")
+        pictures[kind] = picture(exact)
+        rows += ({"volume": name, "scene": kind} | row for row in _measure(scene, exact.rgba, quick))
     size = scenes["smooth"].measures
     write_rows(folder, name, f"{name}: {size}, {wvr.get_num_threads()} threads", rows)
     save_figure(_frontier_chart(rows, pictures, f"{name}: {size}"), folder / name)
+    save_figure(_short_chart(rows), folder / f"{name}-short")
+    return " ".join(_finding(kind, [row for row in rows if row["scene"] == kind]) for kind in scenes)
 
 
-def _measure(scene: Scene, exact: NDArray[np.floating], rounds: int, quick: bool) -> list[dict[str, Any]]:
+GOAL = 1e-3
+
+
+def _finding(kind: str, rows: list[dict[str, Any]]) -> str:
+    """Who is first below an error, largest and mean, and what VTK reaches."""
+
+    def first(error: str) -> str:
+        there = [row for row in rows if row[error] <= GOAL]
+        if not there:
+            return f"no method has a {error} below {GOAL:g}"
+        best = min(there, key=lambda row: row["seconds"])
+        return f"a {error} below {GOAL:g} is first reached by {_called(best)}, in {best['seconds']:.2g} s"
+
+    vtk = [row for row in rows if row["method"] in VTK]
+    if not vtk:
+        return f"{kind.capitalize()}: {first('max error')}; {first('mean error')}."
+    best = min(vtk, key=lambda row: row["mean error"])
+    faster = [row for row in rows if row["seconds"] <= best["seconds"] and row not in vtk]
+    ours = min(faster, key=lambda row: row["mean error"], default=None)
+    than = (
+        "nothing of wvr is as fast" if ours is None else f"{_called(ours)} is as fast and has {ours['mean error']:.1e}"
+    )
+    return (
+        f"{kind.capitalize()}: {first('max error')}; {first('mean error')}. VTK's smallest mean error is "
+        f"{best['mean error']:.1e}, in {best['seconds']:.2g} s; {than}."
+    )
+
+
+def _called(row: dict[str, Any]) -> str:
+    return f"{row['method']} {row['step or tolerance']:g}"
+
+
+def _measure(scene: Scene, exact: NDArray[np.floating], quick: bool) -> list[dict[str, Any]]:
     """A row for each method and parameter; all take turns."""
     images: dict[str, NDArray] = {}
     rows: dict[str, dict[str, Any]] = {}
@@ -152,32 +194,35 @@ def _measure(scene: Scene, exact: NDArray[np.floating], rounds: int, quick: bool
         contenders[key] = contend(key)
 
     for method in METHODS:
-        for value in method.values[:2] if quick else method.values:
-            renderer = wvr.Renderer(
-                scene.volume,
-                scene.transfer_function,
-                integrator=method.make(value),
-                termination=method.termination(value),
-                device="cpu",
-            )
+        for value in method.values[QUICK] if quick else method.values:
+            renderer = scene.renderer(method.make(value), termination=method.termination(value), device="cpu")
             add(method.name, value, lambda key, r=renderer: _frame(images, key, r, scene))  # type: ignore[misc]
     with ExitStack() as stack:
         for name, scale in VTK.items():
-            if scale > 1 and scene.volume.dtype != np.uint8:
+            if scale > 1 and (quick or scene.volume.dtype != np.uint8):
                 continue
             vtk = stack.enter_context(VtkCpu(scene, scale, wvr.get_num_threads()))
             try:
-                for value in VTK_STEPS[:2] if quick else VTK_STEPS:
+                for value in VTK_STEPS[QUICK] if quick else VTK_STEPS:
                     vtk.frame(value)
                     images[f"{name} {value:g}"] = vtk.image()
                     add(name, value, lambda key, v=vtk, h=value: lambda: v.frame(h))  # type: ignore[misc]
             except NotAvailableError as error:
                 print(f"{name} is not available: {error}")
-        times = interleave(contenders, rounds)
+        times = take_turns(contenders, quick)
     for key, row in rows.items():
         errors = wvr.compare(images[key], exact)
-        row |= {"seconds": median(t.wall for t in times[key]), "max error": errors.max, "mean error": errors.mean}
+        row |= {"seconds": times[key], "max error": errors.max, "mean error": errors.mean}
     return list(rows.values())
+
+
+def take_turns(contenders: Mapping[str, Contender], quick: bool) -> dict[str, float]:
+    """Median seconds of contenders that take turns, slow ones less often."""
+    first = {name: run().wall for name, run in contenders.items()}
+    rounds = {name: 1 if quick else int(np.clip(PATIENCE / wall, 1, 7)) for name, wall in first.items()}
+    most = max(rounds.values())
+    times = interleave(contenders, most, {name: -(-most // n) for name, n in rounds.items()})
+    return {name: median(t.wall for t in runs) for name, runs in times.items()}
 
 
 def _frame(images: dict[str, NDArray], key: str, renderer: wvr.Renderer, scene: Scene) -> Contender:
@@ -189,28 +234,51 @@ def _frame(images: dict[str, NDArray], key: str, renderer: wvr.Renderer, scene: 
 
 def _frontier_chart(rows: list[dict[str, Any]], pictures: Mapping[str, NDArray], title: str) -> Figure:
     """A column for each transfer function: the scene, largest error and mean error over time."""
-    styles = {m.name: (m.color, m.style) for m in METHODS} | {n: (COLORS[6], s) for n, s in VTK_STYLES.items()}
-    figure = Figure(figsize=(10, 10), layout="constrained")
+    figure = Figure(figsize=(10, 10))
     panels = figure.subplots(3, len(pictures), height_ratios=[1, 1.15, 1.15])
-    for column, (kind, picture) in zip(panels.T, pictures.items(), strict=True):
-        column[0].imshow(picture)
+    for column, (kind, shown) in zip(panels.T, pictures.items(), strict=True):
+        column[0].imshow(shown)
         column[0].set(title=kind, xticks=[], yticks=[])
         for axes, error in zip(column[1:], ("max error", "mean error"), strict=True):
             axes.sharex(panels[1, 0])
             axes.sharey(panels[list(column).index(axes), 0])
-            for name, (color, style) in styles.items():
-                points = [(r["seconds"], r[error]) for r in rows if r["scene"] == kind and r["method"] == name]
-                if points:
-                    axes.plot(*zip(*points, strict=True), style, color=color, label=name, ms=4.5, lw=1.2)
-            axes.set(xscale="log", yscale="log")
-            _plain_seconds(axes.xaxis)
-            axes.grid(color="0.9")
+            _lines(axes, [row for row in rows if row["scene"] == kind], [m.name for m in METHODS] + list(VTK), error)
         column[2].set_xlabel("time a frame [s]")
     panels[1, 0].set_ylabel("largest error of a channel in [0, 1]")
     panels[2, 0].set_ylabel("mean error of all channels in [0, 1]")
     figure.suptitle(title)
-    figure.legend(*panels[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(*panels[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
+
+
+# What a reader who chooses wants to see first.
+SHORT = ("Certified", "Preintegrated", "Riemann, midpoint", "VTK")
+
+
+def _short_chart(rows: list[dict[str, Any]]) -> Figure:
+    """Mean error over time of uniform sampling, the certified images and VTK, by transfer function."""
+    kinds = list(dict.fromkeys(row["scene"] for row in rows))
+    figure = Figure(figsize=(9, 3.4))
+    panels = figure.subplots(1, len(kinds), sharex=True, sharey=True)
+    for axes, kind in zip(panels, kinds, strict=True):
+        _lines(axes, [row for row in rows if row["scene"] == kind], SHORT, "mean error")
+        axes.set(title=kind, xlabel="time a frame [s]")
+    panels[0].set_ylabel("mean error of all channels in [0, 1]")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def _lines(axes: Axes, rows: list[dict[str, Any]], methods: Iterable[str], error: str) -> None:
+    """The error of some methods over time."""
+    styles = {m.name: (m.color, m.style) for m in METHODS} | {n: (COLORS[6], s) for n, s in VTK_STYLES.items()}
+    for name in methods:
+        points = [(row["seconds"], row[error]) for row in rows if row["method"] == name]
+        if points:
+            color, style = styles[name]
+            axes.plot(*zip(*points, strict=True), style, color=color, label=name, ms=4.5, lw=1.2)
+    axes.set(xscale="log", yscale="log")
+    _plain_seconds(axes.xaxis)
+    axes.grid()
 
 
 def _plain_seconds(axis: Axis) -> None:
@@ -222,23 +290,25 @@ def _plain_seconds(axis: Axis) -> None:
 
 # --- Time against size ------------------------------------------------------------------------------------------------
 
+DEFAULT = "Certified(1/512)"
 SCALED: dict[str, Integrator] = {
     "Riemann(1)": wvr.Riemann(1.0),
     "Preintegrated(0.5)": wvr.Preintegrated(0.5),
-    "Certified(1/512)": wvr.Certified(1 / 512),
+    DEFAULT: wvr.Certified(1 / 512),
     "AdaptiveSimpson(1/512)": wvr.AdaptiveSimpson(1 / 512, scope="ray"),
 }
 
 
-def scaling(folder: Path, rounds: int, quick: bool) -> None:
-    """One chart and table: time against each size, all else being equal."""
+@STUDY.part("Time against size")
+def scaling(folder: Path, quick: bool) -> str:
+    """Time against the size of volume and image, what is visible of the volume, and threads, all else being equal."""
     base = 24 if quick else 256
-    pixels = 32 if quick else 512
+    pixels = 32 if quick else 256
     rows: list[dict[str, Any]] = []
 
     def measure(against: str, cases: Iterable[tuple[float, Scene]]) -> None:
         for x, scene in cases:
-            rows.extend({"against": against, "x": x} | row for row in _seconds(scene, rounds))
+            rows.extend({"against": against, "x": x} | row for row in _seconds(scene, quick))
 
     def blobs(n: int, size: int) -> Scene:
         return make_scenes("blobs", wvr.datasets.load("blobs", n), (size, size))["smooth"]
@@ -254,18 +324,27 @@ def scaling(folder: Path, rounds: int, quick: bool) -> None:
     write_rows(folder, "scaling", f"Seconds a frame; {fog.measures} where nothing else is said", rows)
     save_figure(_scaling_chart(rows), folder / "scaling")
 
+    def growth(against: str, method: str) -> str:
+        points = sorted((r["x"], r["seconds"]) for r in rows if r["against"] == against and r["method"] == method)
+        (x0, first), (x1, last) = points[0], points[-1]
+        return f"{last / first:.2g} times the time from {x0:g} to {x1:g}"
 
-def _seconds(scene: Scene, rounds: int) -> list[dict[str, Any]]:
-    renderers = {
-        name: wvr.Renderer(scene.volume, scene.transfer_function, integrator=integrator, device="cpu")
-        for name, integrator in SCALED.items()
-    }
+    return (
+        f"{DEFAULT}: "
+        + "; ".join(
+            f"{against}, {growth(against, DEFAULT)}" for against in dict.fromkeys(row["against"] for row in rows)
+        )
+        + "."
+    )
+
+
+def _seconds(scene: Scene, quick: bool) -> list[dict[str, Any]]:
+    renderers = {name: scene.renderer(integrator, device="cpu") for name, integrator in SCALED.items()}
     contenders = {
         name: timed(lambda r=renderer: r.render(scene.camera, scene.size))  # type: ignore[misc]
         for name, renderer in renderers.items()
     }
-    times = interleave(contenders, rounds)
-    return [{"method": name, "seconds": median(t.wall for t in runs)} for name, runs in times.items()]
+    return [{"method": name, "seconds": seconds} for name, seconds in take_turns(contenders, quick).items()]
 
 
 def _occupancies(scene: Scene) -> Iterable[tuple[float, Scene]]:
@@ -280,7 +359,7 @@ def _occupancies(scene: Scene) -> Iterable[tuple[float, Scene]]:
         tf = wvr.TransferFunction([(threshold, PAINT[0], 0.0), (255, PAINT[1], 0.02)])
         visible = round(100 * float(np.mean(largest > threshold)), 1)
         if visible > 0:
-            yield visible, Scene(scene.name, scene.volume, tf, scene.camera, scene.size)
+            yield visible, replace(scene, transfer_function=tf)
 
 
 def _threads(scene: Scene) -> Iterable[tuple[float, Scene]]:
@@ -295,7 +374,7 @@ def _threads(scene: Scene) -> Iterable[tuple[float, Scene]]:
 
 
 def _scaling_chart(rows: list[dict[str, Any]]) -> Figure:
-    figure = Figure(figsize=(9, 6.6), layout="constrained")
+    figure = Figure(figsize=(9, 6.6))
     panels = figure.subplots(2, 2, sharey=True)
     for axes, against in zip(panels.flat, dict.fromkeys(row["against"] for row in rows), strict=True):
         for i, name in enumerate(SCALED):
@@ -306,23 +385,9 @@ def _scaling_chart(rows: list[dict[str, Any]]) -> Figure:
         axes.xaxis.set_major_locator(FixedLocator(ticks))
         axes.xaxis.set_major_formatter("{x:.4g}")
         axes.xaxis.set_minor_locator(NullLocator())
-        axes.grid(color="0.9")
+        axes.grid()
     for axes in panels[:, 0]:
         axes.set_ylabel("time a frame [s]")
         _plain_seconds(axes.yaxis)
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3, frameon=False)
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
-
-
-def main(*arguments: str) -> None:
-    """Run all parts; ``--quick`` is small and takes generated volumes."""
-    quick = "--quick" in arguments
-    folder = output("frontier")
-    rounds = 1 if quick else 3
-    for name, volume in make_volumes(quick):
-        frontier(folder, name, make_scenes(name, volume, (64, 64) if quick else (512, 512)), rounds, quick)
-    scaling(folder, rounds, quick)
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])

@@ -1,10 +1,9 @@
 """Lum, Wilson and Ma, "High-Quality Lighting and Efficient Pre-Integration for Volume Rendering" (2004): the tables.
 
 Table 1 (time to build an n x n table, brute force against incremental subrange integration), the accuracy of every
-generator, and what a look-up between entries costs in accuracy. ``python -m studies.lum2004 [--quick]``.
+generator, and what a look-up between entries costs in accuracy.
 """
 
-import sys
 from pathlib import Path
 from typing import Literal
 
@@ -18,19 +17,13 @@ from wvr.launch import get_device
 from wvr.tables import _Cut, _generate
 
 from .brute_hoisted import build_hoisted, make_hoisted
-from .common import output, seconds, write_rows
+from .common import seconds, write_rows
 from .reference import quadrature
+from .study import Study
 
-# Table 1 of the paper, seconds: (brute force, incremental). Its machine is of 2004; the ratio is what compares.
-PAPER = {
-    32: (0.0025, 0.00078),
-    64: (0.022, 0.0033),
-    128: (0.18, 0.015),
-    256: (1.57, 0.057),
-    512: (12.4, 0.22),
-    1024: (98.0, 0.88),
-    2048: (797.0, 3.70),
-}
+STUDY = Study("lum2004")
+# Table 1 of the paper, seconds by table size: (brute force, incremental). Its machine is of 2004; the ratio compares.
+PAPER = {int(n): tuple(times) for n, times in STUDY.paper["seconds by table size"].items()}
 LENGTHS = (0.25, 0.5, 0.75, 1.0)
 
 
@@ -40,14 +33,24 @@ def random_transfer_function(knots: int = 256, seed: int = 0) -> wvr.TransferFun
     return wvr.TransferFunction.from_arrays(np.linspace(0, 255, knots), rng.random((knots, 3)), rng.random(knots) ** 3)
 
 
-def table1(folder: Path, sizes: list[int], brute_up_to: int) -> None:
-    """Time against size, on the CPU and every CUDA device."""
+@STUDY.part("Table 1")
+def table1(folder: Path, quick: bool) -> str:
+    """Time to build a table against its size, on the CPU and every CUDA device."""
+    sizes, brute_up_to = ([32, 64, 128], 128) if quick else (list(PAPER), 1024)
+    findings = []
     for device in (get_device("cpu"), *wp.get_cuda_devices()):
         hoisted = make_hoisted()
         rows = [_table1_row(n, device, hoisted, n <= brute_up_to) for n in sizes]
         name = f"table1-{device.alias.replace(':', '')}"
         write_rows(folder, name, f"Lum et al. 2004, Table 1, on {device.name}, {wvr.get_num_threads()} threads", rows)
         save_figure(_speed_chart(rows), folder / name)
+        last = max((row for row in rows if "brute s" in row), key=lambda row: row["n"])
+        findings.append(
+            f"{device.name}: at n = {last['n']} brute force takes {last['brute s']:.3g} s, incremental integration "
+            f"{last['incremental s']:.3g} s: {last['brute ratio']:.0f} times, in the paper {last['paper ratio']:.0f}. "
+            f"Weighted tables take {last['weighted s'] / last['incremental s']:.1f} times as long as plain ones."
+        )
+    return " ".join(findings)
 
 
 def _table1_row(n: int, device: wp.Device, hoisted: tuple, with_brute: bool) -> dict:
@@ -83,7 +86,7 @@ def _table1_row(n: int, device: wp.Device, hoisted: tuple, with_brute: bool) -> 
 
 
 def _speed_chart(rows: list[dict]) -> Figure:
-    figure = Figure(figsize=(8, 3.6), layout="constrained")
+    figure = Figure(figsize=(8, 3.6))
     time_axes, ratio_axes = figure.subplots(1, 2)
     series = (
         ("brute s", "brute force"),
@@ -112,8 +115,8 @@ def _speed_chart(rows: list[dict]) -> Figure:
     ratio_axes.set(xscale="log", yscale="log", xlabel="table size n", ylabel="speed-up")
     for axes in (time_axes, ratio_axes):
         axes.set_xscale("log", base=2)
-        axes.grid(color="0.9")
-        axes.legend(frameon=False, fontsize="x-small")
+        axes.grid()
+        axes.legend(fontsize="x-small")
     return figure
 
 
@@ -122,8 +125,10 @@ SPIKES = wvr.TransferFunction.isosurfaces(
 )
 
 
-def accuracy(folder: Path, n: int, entries: int) -> None:
+@STUDY.part("Accuracy of the tables")
+def accuracy(folder: Path, quick: bool) -> str:
     """Every generator against adaptive quadrature, at entries drawn at random."""
+    n, entries = (64, 5) if quick else (512, 40)
     cases = {
         "ramp": wvr.TransferFunction([(0, (1, 0, 0), 0.0), (255, (0, 1, 0.5), 0.9)]),
         "random": random_transfer_function(64),
@@ -149,9 +154,20 @@ def accuracy(folder: Path, n: int, entries: int) -> None:
             rows.append(row)
     write_rows(folder, "accuracy", f"Max abs error against quadrature, n = {n}, {entries} entries", rows)
 
+    def worst(column: str) -> float:
+        return max(row[column] for row in rows)
 
-def lookups(folder: Path, sizes: list[int], segments: int) -> None:
+    return (
+        f"Incremental integration is off by up to {worst('incremental float32'):.1e} in float32 and "
+        f"{worst('incremental float64'):.1e} in float64, approximate by {worst('approximate float64'):.1e}."
+    )
+
+
+@STUDY.part("Look-up between entries")
+def lookups(folder: Path, quick: bool) -> str:
     """What looking up between entries costs: bilinear, nearest, a 3D table at other lengths, running integrals."""
+    sizes = [16, 64] if quick else [16, 32, 64, 128, 256, 512, 1024, 2048]
+    segments = 20 if quick else 400
     tf = random_transfer_function(33, seed=3)
     rng = np.random.default_rng(2)
     front = rng.uniform(0, 255, segments)
@@ -183,7 +199,7 @@ def lookups(folder: Path, sizes: list[int], segments: int) -> None:
             row[f"{name} max"], row[f"{name} mean"] = worst, mean
         rows.append(row)
     write_rows(folder, "lookups", "Error of a look-up between entries, 33 random control points", rows)
-    figure = Figure(figsize=(6, 3.8), layout="constrained")
+    figure = Figure(figsize=(6, 3.8))
     axes = figure.subplots()
     names = list(dict.fromkeys(key[:-4] for row in rows for key in row if key.endswith(" max")))
     for i, name in enumerate(names):
@@ -191,18 +207,27 @@ def lookups(folder: Path, sizes: list[int], segments: int) -> None:
         axes.plot(*zip(*points, strict=True), marker="os^vD"[i], color=COLORS[i], label=name, ms=4)
     axes.set(yscale="log", xlabel="table size n", ylabel="largest absolute error of RGBA")
     axes.set_xscale("log", base=2)
-    axes.grid(color="0.9")
-    axes.legend(frameon=False, fontsize="x-small")
+    axes.grid()
+    axes.legend(fontsize="x-small")
     save_figure(figure, folder / "lookups")
+    first, last = rows[0], rows[-1]
+    return (
+        f"Bilinear look-up is off by {first['bilinear max']:.1e} at n = {first['n']} and {last['bilinear max']:.1e} at "
+        f"n = {last['n']}: larger tables do reduce the error, as the paper says."
+        if last["bilinear max"] < first["bilinear max"]
+        else "Larger tables did not reduce the error of a look-up here."
+    )
 
 
-def order_of_spikes(folder: Path, n: int) -> None:
+@STUDY.part("Self-attenuation")
+def order_of_spikes(folder: Path, quick: bool) -> str:
     """Two opaque spikes: what neglecting self-attenuation does to the table."""
+    n = 64 if quick else 256
     tables = {
         "incremental": wvr.preintegrate(SPIKES, n, 3.0, (0, 255)).rgba,
         "approximate": wvr.preintegrate(SPIKES, n, 3.0, (0, 255), "approximate").rgba,
     }
-    figure = Figure(figsize=(8, 3.6), layout="constrained")
+    figure = Figure(figsize=(8, 3.6))
     panels = figure.subplots(1, 3)
     for axes, (name, rgba) in zip(panels, tables.items(), strict=False):
         axes.imshow(np.clip(rgba[..., :3], 0, 1) ** (1 / 2.2), origin="lower", extent=(0, 255, 0, 255))
@@ -212,17 +237,4 @@ def order_of_spikes(folder: Path, n: int) -> None:
     panels[2].set(title="largest difference", xlabel="scalar at the back", ylabel="scalar at the front")
     figure.colorbar(shown, ax=panels[2], shrink=0.75)
     save_figure(figure, folder / "opaque-spikes")
-
-
-def main(*arguments: str) -> None:
-    """Run all parts; ``--quick`` is small."""
-    quick = "--quick" in arguments
-    folder = output("lum2004")
-    table1(folder, [32, 64, 128] if quick else list(PAPER), brute_up_to=128 if quick else 1024)
-    accuracy(folder, 64 if quick else 512, 5 if quick else 40)
-    lookups(folder, [16, 64] if quick else [16, 32, 64, 128, 256, 512, 1024, 2048], 20 if quick else 400)
-    order_of_spikes(folder, 64 if quick else 256)
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+    return f"Without self-attenuation an entry is off by up to {difference.max():.2f} of a colour in [0, 1]."

@@ -1,8 +1,8 @@
 """Roettger, Guthe, Weiskopf, Ertl and Strasser, "Smart Hardware-Accelerated Volume Rendering" (2003).
 
-Over-sampling and adaptive pre-integration, Figures 4, 6, 7 and 9, the paper's claims and numbers beside what we find:
-``python -m studies.roettger2003 [--quick]``. The volumes are the bonsai and the high-potential iron protein (NegHIP,
-here 64^3, there 128^3) where they lie in ``../shared/data``, else generated ones stand in for them.
+Over-sampling and adaptive pre-integration, Figures 4, 6, 7 and 9, the paper's claims and numbers beside what we find.
+The volumes are the bonsai and the high-potential iron protein (NegHIP, here 64^3, there 128^3) where they are there,
+else generated ones stand in for them.
 
 The paper's views and transfer functions are not published and its pictures are lit; ours are not, so that errors are
 those of the integral alone, against ``Exact``. "Slicing" is ``Preintegrated`` with every sample computed.
@@ -10,9 +10,8 @@ those of the integral alone, against ``Exact``. "Slicing" is ``Preintegrated`` w
 
 from __future__ import annotations
 
-import json
-import sys
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,19 +25,17 @@ import wvr
 from benchmarks.harness import COLORS, save_figure
 from wvr.color import linear_to_srgb
 
-from .common import output, write_rows
+from . import scenes as views
+from .common import spread, write_rows
 from .reference import trilinear
+from .scenes import Scene, picture
+from .study import Study
 
-PAPER = json.loads((Path(__file__).parent / "data" / "roettger2003.json").read_text(encoding="utf-8"))
-DATA = Path(__file__).parents[1] / "../shared/data"
+STUDY = Study("roettger2003")
+PAPER = STUDY.paper
 VISIBLE = 1 / 256  # the step of an 8-bit screen, which an error should stay below
 OVERSAMPLING = (1, 2, 4, 8)
 
-# (volume, stand-in, direction towards the camera, up)
-VOLUMES: dict[str, tuple[str, str, tuple, tuple]] = {
-    "Bonsai": ("bonsai", "tree", (0.35, 0.25, 1), (0, 1, 0)),
-    "NegHIP": ("neghip", "blobs", (0.5, 0.3, 1), (0, 1, 0)),
-}
 BONSAI = [
     (20, (0.1, 0.5, 0), 0.0),
     (40, (0.2, 0.7, 0.05), 0.04),
@@ -65,99 +62,84 @@ LEAF = [
 ]
 # Scene: (volume, control points, their unit distance: a tenth of it is ten times the extinction)
 SCENES: dict[str, tuple[str, list, float]] = {
-    "Bonsai, semi-transparent": ("Bonsai", BONSAI, 1.0),
-    "Bonsai, opaque": ("Bonsai", BONSAI, 0.1),
-    "Bonsai, leaf": ("Bonsai", LEAF, 1.0),
-    "NegHIP, semi-transparent": ("NegHIP", NEGHIP, 1.0),
-    "NegHIP, opaque": ("NegHIP", NEGHIP, 0.05),
+    "Bonsai, semi-transparent": ("bonsai", BONSAI, 1.0),
+    "Bonsai, opaque": ("bonsai", BONSAI, 0.1),
+    "Bonsai, leaf": ("bonsai", LEAF, 1.0),
+    "NegHIP, semi-transparent": ("neghip", NEGHIP, 1.0),
+    "NegHIP, opaque": ("neghip", NEGHIP, 0.05),
 }
+LEAF_SCENE, TREES = "Bonsai, leaf", ("Bonsai, semi-transparent", "Bonsai, opaque")
 
 
-@dataclass(frozen=True)
-class Scene:
-    """A volume as it is shown."""
-
-    name: str
-    volume: wvr.Volume
-    tf: wvr.TransferFunction
-    camera: wvr.Camera
-    size: tuple[int, int]
-
-    def render(self, integrator: Any, **options: Any) -> wvr.Image:
-        return wvr.render(self.volume, self.tf, self.camera, self.size, integrator=integrator, **options)
-
-    def timed(self, integrator: Any, rounds: int = 2, **options: Any) -> wvr.Image:
-        """The image of the fastest of some rounds."""
-        renderer = wvr.Renderer(self.volume, self.tf, integrator=integrator, **options)
-        renderer.render(self.camera, (8, 8))  # kernels and tables are built
-        images = [renderer.render(self.camera, self.size) for _ in range(rounds)]
-        return min(images, key=lambda image: image.stats["seconds_raycast"])
-
-    def slicing(self, oversampling: int, rounds: int = 2) -> wvr.Image:
-        """Pre-integrated slabs, every one computed."""
-        return self.timed(wvr.Preintegrated(1.0, oversampling), rounds, skip_empty=False, termination=0)
-
-
+@cache
 def make_scene(name: str, quick: bool) -> Scene:
     """A scene or, where its volume is not there, a stand-in of the same range of scalars."""
     kind, points, unit = SCENES[name]
-    stem, generated, direction, up = VOLUMES[kind]
-    path = DATA / f"{stem}.nrrd"
-    volume = wvr.read(path) if path.exists() and not quick else wvr.datasets.load(generated, 32 if quick else 128)
-    low, high = volume.range
-    points = [(low + s / 255 * (high - low), color, opacity) for s, color, opacity in points]
-    fit = wvr.Camera.fit(volume, direction=direction, up=up)
-    camera = wvr.Camera(fit.position, fit.target, up=up, view_angle=20.0)
+    volume = views.load(kind, quick)
+    camera = views.camera(kind, volume, view_angle=20.0)
     if name == "Bonsai, leaf":
         # The leaf that hangs to the right of the trunk, in the other bonsai scenes' picture.
         origins, directions = camera.rays((512, 512))
-        camera = wvr.Camera(fit.position, origins[258, 325] + directions[258, 325], up=up, view_angle=2.5)
-    tf = wvr.TransferFunction(points, unit_distance=unit)
+        leaf = origins[258, 325] + directions[258, 325]
+        camera = wvr.Camera(camera.position, leaf, up=camera.up, view_angle=2.5)
+    tf = wvr.TransferFunction(views.stretched(points, (0, 255), volume), unit_distance=unit)
     return Scene(name, volume, tf, camera, (48, 48) if quick else (512, 512))
 
 
-def errors(image: wvr.Image | NDArray[np.floating], exact: wvr.Image) -> dict[str, float]:
+@cache
+def exact(name: str, quick: bool) -> wvr.Image:
+    """The ground truth of a scene."""
+    return make_scene(name, quick).render(wvr.Exact())
+
+
+def slicing(scene: Scene, oversampling: int, rounds: int = 2) -> wvr.Image:
+    """Pre-integrated slabs, every one computed."""
+    return scene.timed(wvr.Preintegrated(1.0, oversampling), rounds, skip_empty=False, termination=0)
+
+
+def errors(image: wvr.Image | NDArray[np.floating], truth: wvr.Image) -> dict[str, float]:
     """How far an image is from the exact one."""
-    difference = wvr.compare(image, exact, [VISIBLE])
+    difference = wvr.compare(image, truth, [VISIBLE])
     return {"max": difference.max, "mean": difference.mean, "rays over 1/256 [%]": 100 * difference.shares[VISIBLE]}
-
-
-def picture(image: wvr.Image) -> NDArray[np.floating]:
-    return np.clip(linear_to_srgb(image.composited("white")), 0, 1)
 
 
 # --- Section 3: over-sampling -----------------------------------------------------------------------------------------
 
 
-def figure4(folder: Path, scene: Scene) -> None:
+@STUDY.part("Figure 4")
+def figure4(folder: Path, quick: bool) -> str:
     """A leaf with less and less care, and the errors."""
-    exact = scene.render(wvr.Exact())
-    images = {f"pre-integrated, {n}x": scene.slicing(n, 1) for n in reversed(OVERSAMPLING)}
+    scene, truth = make_scene(LEAF_SCENE, quick), exact(LEAF_SCENE, quick)
+    images = {f"pre-integrated, {n}x": slicing(scene, n, 1) for n in reversed(OVERSAMPLING)}
     images["samples, 1x"] = scene.render(wvr.Riemann(1.0), termination=0)
-    figure = Figure(figsize=(11, 4.45), layout="constrained")
+    figure = Figure(figsize=(11, 4.45))
     panels = figure.subplots(2, len(images))
+    shares = {}
     for i, (name, image) in enumerate(images.items()):
-        difference = wvr.compare(image, exact, [VISIBLE])
+        difference = wvr.compare(image, truth, [VISIBLE])
+        shares[name] = difference.shares[VISIBLE]
         panels[0, i].imshow(picture(image))
         shown = panels[1, i].imshow(np.maximum(difference.map, 1e-12), norm=LogNorm(1e-5, 1), cmap="magma")
         panels[0, i].set(title=name, xticks=[], yticks=[])
         panels[1, i].set(xticks=[], yticks=[], xlabel=f"{difference.shares[VISIBLE]:.1%} of rays over 1/256")
     figure.colorbar(shown, ax=panels[1], label="largest error\nof a channel", extend="min")
     save_figure(figure, folder / "figure4")
+    return "Rays with an error over 1/256: " + ", ".join(f"{name} {share:.1%}" for name, share in shares.items()) + "."
 
 
-def oversampling(folder: Path, scenes: dict[str, Scene]) -> list[dict[str, Any]]:
+@STUDY.part("Over-sampling")
+def oversampling(folder: Path, quick: bool) -> str:
     """Is four-fold over-sampling needed, and is two-fold almost free?"""
     rows: list[dict[str, Any]] = []
-    for scene in scenes.values():
-        exact = scene.render(wvr.Exact())
+    for name in SCENES:
+        scene, truth = make_scene(name, quick), exact(name, quick)
         methods: dict[str, wvr.Image] = {"samples, 1x": scene.timed(wvr.Riemann(1.0), skip_empty=False, termination=0)}
-        methods |= {f"pre-integrated, {n}x": scene.slicing(n) for n in OVERSAMPLING}
+        methods |= {f"pre-integrated, {n}x": slicing(scene, n) for n in OVERSAMPLING}
         methods["adaptive, 1/256"] = scene.timed(wvr.AdaptivePreintegrated(VISIBLE))
         base = methods["pre-integrated, 1x"].stats["seconds_raycast"]
         for method, image in methods.items():
             seconds = image.stats["seconds_raycast"]
-            row = {"scene": scene.name, "method": method} | errors(image, exact)
+            row = {"scene": scene.name, "method": method} | errors(image, truth)
             row |= {"s": seconds, "time over 1x": seconds / base, "M samples": image.stats["samples"] / 1e6}
             rows.append(row)
     paper = PAPER["oversampling"]
@@ -166,9 +148,9 @@ def oversampling(folder: Path, scenes: dict[str, Scene]) -> list[dict[str, Any]]
         f"{paper['time of highest quality over normal']:g} times the time)"
     )
     write_rows(folder, "oversampling", title, rows)
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    figure = Figure(figsize=(9, 3.6))
     left, right = figure.subplots(1, 2)
-    for i, name in enumerate(scenes):
+    for i, name in enumerate(SCENES):
         kept = [row for row in rows if row["scene"] == name and row["method"].startswith("pre")]
         left.plot(
             OVERSAMPLING, [row["rays over 1/256 [%]"] for row in kept], "os^Dv"[i] + "-", color=COLORS[i], label=name
@@ -182,20 +164,29 @@ def oversampling(folder: Path, scenes: dict[str, Scene]) -> list[dict[str, Any]]
     for axes in (left, right):
         axes.set(xscale="log", xlabel="slabs per voxel", xticks=OVERSAMPLING, xticklabels=OVERSAMPLING)
         axes.minorticks_off()
-        axes.grid(color="0.9")
-    left.legend(frameon=False, fontsize="small")
-    right.legend(frameon=False, fontsize="small")
+        axes.grid()
+    left.legend(fontsize="small")
+    right.legend(fontsize="small")
     save_figure(figure, folder / "oversampling")
-    return rows
+
+    def of(n: int, column: str) -> str:
+        return spread([row[column] for row in rows if row["method"] == f"pre-integrated, {n}x"])
+
+    shares = ", ".join(f"{of(n, 'rays over 1/256 [%]')} % at {n}x" for n in OVERSAMPLING)
+    times = ", ".join(f"{of(n, 'time over 1x')} times at {n}x" for n in OVERSAMPLING[1:])
+    return f"By scene, rays over 1/256: {shares}. Time over that of 1x: {times}."
 
 
 # --- Section 4: adaptive pre-integration ------------------------------------------------------------------------------
 
 
-def figure6(folder: Path, scenes: list[Scene]) -> None:
+@STUDY.part("Figure 6")
+def figure6(folder: Path, quick: bool) -> str:
     """The number of steps of each ray."""
+    scenes = [make_scene(name, quick) for name in TREES]
+    means = []
     white = PAPER["white of the sampling steps"]["samples"]
-    figure = Figure(figsize=(7.5, 3.4 * len(scenes)), layout="constrained")
+    figure = Figure(figsize=(7.5, 3.4 * len(scenes)))
     panels = figure.subplots(len(scenes), 2)
     for (left, right), scene in zip(panels, scenes, strict=True):
         image = scene.render(wvr.AdaptivePreintegrated(VISIBLE))
@@ -203,39 +194,51 @@ def figure6(folder: Path, scenes: list[Scene]) -> None:
         shown = right.imshow(image.samples, cmap="gray", vmin=0, vmax=white)
         left.set(title=scene.name, xticks=[], yticks=[])
         mean = image.samples[image.samples > 0].mean()
+        means.append(f"{scene.name} {mean:.0f}")
         right.set(title=f"segments: mean {mean:.0f}, most {image.samples.max()}", xticks=[], yticks=[])
     figure.colorbar(shown, ax=panels, label="segments of a ray", extend="max", shrink=0.5)
     save_figure(figure, folder / "figure6")
+    return f"Mean number of segments of rays that have any: {', '.join(means)}."
 
 
-def speed(folder: Path, scenes: list[Scene]) -> None:
+@STUDY.part("Section 5: times")
+def speed(folder: Path, quick: bool) -> str:
     """Times and samples of Figures 6, 7 and 9, beside slicing with four-fold over-sampling."""
     rows = []
-    for scene in scenes:
-        adaptive, slicing = scene.timed(wvr.AdaptivePreintegrated(VISIBLE)), scene.slicing(4)
+    for scene in (make_scene(name, quick) for name in SCENES if name != LEAF_SCENE):
+        adaptive, sliced = scene.timed(wvr.AdaptivePreintegrated(VISIBLE)), slicing(scene, 4)
         leaping = scene.timed(wvr.Preintegrated(1.0, 4))
-        exact = scene.render(wvr.Exact())
+        truth = exact(scene.name, quick)
         low, high = PAPER["seconds"][scene.name]
         row: dict[str, Any] = {"scene": scene.name, "paper s": f"{low:g}" if low == high else f"{low:g} to {high:g}"}
-        for label, image in (("adaptive", adaptive), ("4x slicing", slicing), ("4x, leaping", leaping)):
+        for label, image in (("adaptive", adaptive), ("4x slicing", sliced), ("4x, leaping", leaping)):
             row[f"{label} s"] = image.stats["seconds_raycast"]
             row[f"{label} M samples"] = image.stats["samples"] / 1e6
-            row[f"{label} max error"] = wvr.compare(image, exact).max
-        row["rays with more samples than slicing [%]"] = 100 * float(np.mean(adaptive.samples > slicing.samples))
+            row[f"{label} max error"] = wvr.compare(image, truth).max
+        row["rays with more samples than slicing [%]"] = 100 * float(np.mean(adaptive.samples > sliced.samples))
         rows.append(row)
     title = f"Section 5: {PAPER['machine']}; here {wvr.get_num_threads()} threads, threshold 1/256"
     write_rows(folder, "speed", title, rows)
+    ratios = [row["4x slicing s"] / row["adaptive s"] for row in rows]
+    seconds = [row["adaptive s"] for row in rows]
+    more = max(row["rays with more samples than slicing [%]"] for row in rows)
+    return (
+        f"Adaptive steps take {spread(seconds)} s, slicing at 4x {spread(ratios)} times as long; "
+        f"{f'up to {more:.2g} % of rays take' if more else 'no ray takes'} more samples than with slicing."
+    )
 
 
-def threshold(folder: Path, scenes: list[Scene]) -> None:
+@STUDY.part("Section 5: a higher threshold")
+def threshold(folder: Path, quick: bool) -> str:
     """A higher threshold against fewer slices: error against time and samples."""
+    scenes = [make_scene(name, quick) for name in TREES]
     tolerances = [2.0**-k for k in range(1, 13)]
     steps = [2.0**k for k in range(4, -4, -1)]
-    figure = Figure(figsize=(9, 3.3 * len(scenes)), layout="constrained")
+    figure = Figure(figsize=(9, 3.3 * len(scenes)))
     panels = figure.subplots(len(scenes), 2, sharey="row", squeeze=False)
     rows: list[dict[str, Any]] = []
     for scene, (by_time, by_samples) in zip(scenes, panels, strict=True):
-        exact = scene.render(wvr.Exact())
+        truth = exact(scene.name, quick)
         # Rays end alike, so that what differs is how they step.
         methods = {
             "slicing": [(h, scene.timed(wvr.Preintegrated(h), skip_empty=False, termination=0)) for h in steps],
@@ -245,7 +248,7 @@ def threshold(folder: Path, scenes: list[Scene]) -> None:
         for i, (name, images) in enumerate(methods.items()):
             measured = [
                 {"scene": scene.name, "method": name, "step or threshold": parameter}
-                | errors(image, exact)
+                | errors(image, truth)
                 | {"s": image.stats["seconds_raycast"], "samples per ray": float(image.samples.mean())}
                 for parameter, image in images
             ]
@@ -258,36 +261,51 @@ def threshold(folder: Path, scenes: list[Scene]) -> None:
         for axes in (by_time, by_samples):
             axes.set(xscale="log", yscale="log", title=scene.name)
             axes.xaxis.set_minor_formatter(NullFormatter())
-            axes.grid(color="0.9", which="both")
-            axes.set_axisbelow(True)
-    panels[0, 0].legend(frameon=False)
+            axes.grid(which="both")
+    panels[0, 0].legend()
     save_figure(figure, folder / "threshold")
     write_rows(folder, "threshold", "A higher threshold against fewer slices", rows)
+    fastest = min((row for row in rows if row["method"] == "adaptive"), key=lambda row: row["s"])
+    slices = [row for row in rows if row["method"] == "slicing" and row["scene"] == fastest["scene"]]
+    alike = min(slices, key=lambda row: abs(np.log(row["s"] / fastest["s"])))
+    return (
+        f"{fastest['scene']}: the highest threshold, {fastest['step or threshold']:g}, takes {fastest['s']:.2g} s with "
+        f"a mean error of {fastest['mean']:.1e}; slices {alike['step or threshold']:g} voxels apart take "
+        f"{alike['s']:.2g} s with {alike['mean']:.1e}."
+    )
 
 
-def artefacts(folder: Path, scenes: list[Scene]) -> None:
+@STUDY.part("Section 5: artefacts")
+def artefacts(folder: Path, quick: bool) -> str:
     """Pictures at equal time: a high threshold, and few slices."""
-    figure = Figure(figsize=(9, 3.5 * len(scenes)), layout="constrained")
+    scenes = [make_scene(name, quick) for name in TREES]
+    findings = []
+    figure = Figure(figsize=(9, 3.5 * len(scenes)))
     panels = figure.subplots(len(scenes), 3)
     for scene, row in zip(scenes, panels, strict=True):
-        exact = scene.render(wvr.Exact())
+        truth = exact(scene.name, quick)
         adaptive = scene.timed(wvr.AdaptivePreintegrated(0.25))
         # As many slices as that time allows.
         slices, step = adaptive, 0.5
         while step < 32 and (slices is adaptive or slices.stats["seconds"] > adaptive.stats["seconds"]):
             step *= 1.25
             slices = scene.timed(wvr.Preintegrated(step), skip_empty=False, termination=0)
-        images = {"exact": exact, "threshold 1/4": adaptive, f"a slice every {step:.2g} voxels": slices}
+        images = {"exact": truth, "threshold 1/4": adaptive, f"a slice every {step:.2g} voxels": slices}
         for axes, (name, image) in zip(row, images.items(), strict=True):
             axes.imshow(picture(image))
             axes.set(title=name, xticks=[], yticks=[])
-            if image is not exact:
-                found = errors(image, exact)
+            if image is not truth:
+                found = errors(image, truth)
                 axes.set_xlabel(
                     f"{image.stats['seconds']:.2f} s, error: max {found['max']:.2f}, mean {found['mean']:.1e}",
                     fontsize="small",
                 )
+        few, high = (errors(image, truth)["mean"] for image in (slices, adaptive))
+        findings.append(
+            f"{scene.name}: mean error {high:.1e} with a threshold of 1/4, {few:.1e} with as long for slices"
+        )
     save_figure(figure, folder / "artefacts")
+    return "; ".join(findings) + "."
 
 
 # --- Figure 7: the frame buffer ---------------------------------------------------------------------------------------
@@ -305,7 +323,7 @@ def blended(
         floats). What is written is rounded, and so is what blending with it leaves in the buffer.
     """
     step = 1.0 / oversampling
-    table = wvr.preintegrate(scene.tf, 512, length=step, domain=scene.volume.range)
+    table = wvr.preintegrate(scene.transfer_function, 512, length=step, domain=scene.volume.range)
     origins, directions = scene.camera.rays(scene.size)
     low, high = (np.array(bound, float) for bound in scene.volume.index_box)
     to_index = np.linalg.inv(scene.volume.index_to_world)
@@ -339,13 +357,16 @@ def blended(
     return buffers
 
 
-def figure7(folder: Path, scene: Scene, quick: bool) -> None:
+@STUDY.part("Figure 7")
+def figure7(folder: Path, quick: bool) -> str:
     """What an 8-bit frame buffer loses."""
-    fit = wvr.Camera.fit(scene.volume, direction=VOLUMES["NegHIP"][2], up=VOLUMES["NegHIP"][3], parallel=True)
+    scene = make_scene("NegHIP, semi-transparent", quick)
+    _, direction, up = views.SCANS["neghip"]
+    fit = wvr.Camera.fit(scene.volume, direction=direction, up=up, parallel=True)
     assert fit.parallel_scale is not None
     camera = wvr.Camera(fit.position, fit.target, fit.up, parallel_scale=0.7 * fit.parallel_scale)
     scene = replace(scene, camera=camera, size=(32, 32) if quick else (256, 256))
-    exact = scene.render(wvr.Exact())
+    truth = scene.render(wvr.Exact())
     buffers = blended(
         scene,
         4,
@@ -353,44 +374,22 @@ def figure7(folder: Path, scene: Scene, quick: bool) -> None:
     )
     adaptive = scene.render(wvr.AdaptivePreintegrated(VISIBLE))
     images = buffers | {"adaptive, floats": adaptive.rgba}
-    write_rows(
-        folder,
-        "figure7",
-        "Figure 7: the frame buffer, errors against Exact; opacity kept where the exact one is below 1/4",
-        [
-            {"method": name}
-            | errors(rgba, exact)
-            | {"thin opacity kept [%]": 100 * float(_thin(rgba, exact).sum() / _thin(exact.rgba, exact).sum())}
-            for name, rgba in images.items()
-        ],
-    )
-    figure = Figure(figsize=(11, 3.05), layout="constrained")
+    rows: list[dict[str, Any]] = [
+        {"method": name}
+        | errors(rgba, truth)
+        | {"thin opacity kept [%]": 100 * float(_thin(rgba, truth).sum() / _thin(truth.rgba, truth).sum())}
+        for name, rgba in images.items()
+    ]
+    title = "Figure 7: the frame buffer, errors against Exact; opacity kept where the exact one is below 1/4"
+    write_rows(folder, "figure7", title, rows)
+    figure = Figure(figsize=(11, 3.05))
     panels = figure.subplots(1, len(images))
     for axes, (name, rgba) in zip(panels, images.items(), strict=True):
         axes.imshow(np.clip(linear_to_srgb(rgba[..., :3]), 0, 1))
         axes.set(title=name, xticks=[], yticks=[])
     save_figure(figure, folder / "figure7")
+    return "Mean errors: " + ", ".join(f"{row['method']} {row['mean']:.1e}" for row in rows) + "."
 
 
-def _thin(rgba: NDArray[np.floating], exact: wvr.Image) -> NDArray[np.floating]:
-    return rgba[..., 3][exact.rgba[..., 3] < 0.25]
-
-
-def main(*arguments: str) -> None:
-    """Run all parts; ``--quick`` is small and takes generated volumes."""
-    quick = "--quick" in arguments
-    folder = output("roettger2003")
-    scenes = {name: make_scene(name, quick) for name in SCENES}
-    leaf = scenes.pop("Bonsai, leaf")
-    semi, opaque, neghip, _ = scenes.values()
-    figure4(folder, leaf)
-    oversampling(folder, {"Bonsai, leaf": leaf} | scenes)
-    figure6(folder, [semi, opaque])
-    speed(folder, list(scenes.values()))
-    threshold(folder, [semi, opaque])
-    artefacts(folder, [semi, opaque])
-    figure7(folder, neghip, quick)
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+def _thin(rgba: NDArray[np.floating], truth: wvr.Image) -> NDArray[np.floating]:
+    return rgba[..., 3][truth.rgba[..., 3] < 0.25]

@@ -77,6 +77,15 @@ def test_throughput_compares_one_and_all_threads(quick, threads):
     assert text.count("| S1 parallel, ") == 4
 
 
+def test_cuts_and_labels(quick):
+    result, text = quick("clipping")
+    names = [row.name for row in result.rows if row.group == "Preintegrated(0.5)"]
+    assert names[0] == "none" and len(names) == 7 and len(result.rows) == 14
+    samples = {row.name: row.extra["samples per ray"] for row in result.rows if row.group == "Preintegrated(0.5)"}
+    assert samples["plane that keeps all"] == samples["none"] > samples["plane through the middle"] > 0
+    assert "samples per ray" in text
+
+
 def test_certified_frames_are_within_their_tolerances(quick):
     result, text = quick("certified")
     errors = {(row.group, row.name): row.extra["max error"] for row in result.rows if "max error" in row.extra}
@@ -128,7 +137,7 @@ def test_peers_without_vtk_say_why(monkeypatch, tmp_path):
 
 
 def test_unknown_names_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"throughput, certified, peers, cold, got speed"):
+    with pytest.raises(ValueError, match=r"throughput, certified, clipping, peers, cold, got speed"):
         command.run("speed", out=tmp_path)
 
 

@@ -15,10 +15,10 @@ def built(data, tf, device="cpu", nan="error"):
     volume = wvr.Volume(data, nan=nan)
     renderer = wvr.Renderer(volume, tf, tolerance=1e-6, device=device)
     renderer.render(wvr.Camera.fit(volume), (1, 1))
-    kinds, masks, *box = renderer._kept["kinds"][1]
+    kept = {part: next(iter(renderer._kept[part].values())) for part in ("kinds", "simplified", "extents")}
+    kinds, masks, *box = kept["kinds"]
     assert_box(kinds.numpy(), *box)
-    points = renderer._kept["simplified"][1][0]
-    return kinds.numpy(), masks.numpy(), points, renderer._kept["extents"][1].numpy()
+    return kinds.numpy(), masks.numpy(), kept["simplified"][0], kept["extents"].numpy()
 
 
 def assert_box(kinds, low, high):

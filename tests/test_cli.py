@@ -98,10 +98,25 @@ def test_every_option_arrives(run, rendered, monkeypatch):
     assert threads == [3] and rendered["volume"].shape == (SIZE,) * 3
 
 
+def test_clips(run, rendered):
+    render_spheres(
+        run,
+        *("--clip-plane", "1,2,3,0,0,-1", "--clip-box", "-1,-2,-3,4,5,6", "--clip-sphere", "1,1,1,2.5"),
+        *("--clip-plane", "-1,0,0,1,0,0"),
+    )
+    assert rendered["clip"] == [
+        wvr.ClipPlane((1, 2, 3), (0, 0, -1)),
+        wvr.ClipPlane((-1, 0, 0), (1, 0, 0)),
+        wvr.ClipBox((-1, -2, -3), (4, 5, 6)),
+        wvr.ClipSphere((1, 1, 1), 2.5),
+    ]
+
+
 def test_what_is_not_given_is_left_to_the_api(run, rendered):
     render_spheres(run)
     assert rendered["size"] == (512, 512) and rendered["precision"] == "auto"
     assert [rendered[name] for name in ("integrator", "lighting", "device", "termination")] == [None] * 4
+    assert not rendered["clip"]
 
 
 @pytest.mark.parametrize(
@@ -271,6 +286,10 @@ def test_the_background_is_in_png_files(run, rendered):
         ("render spheres --view-angle 180", 2, "view_angle"),
         ("render spheres --background nocolour", 2, "background"),
         ("render spheres --termination 1", 2, "termination"),
+        ("render spheres --clip-plane 1,2,3", 2, "--clip-plane must be numbers such as 64,64,64,0,0,1, got '1,2,3'"),
+        ("render spheres --clip-plane 1,2,3,0,0,0", 2, "normal must not be zero"),
+        ("render spheres --clip-box 1,1,1,0,2,2", 2, "lo must be below hi"),
+        ("render spheres --clip-sphere 1,1,1,-1", 2, "radius must be finite and > 0"),
         ("render spheres --device cuda:99", 2, "device"),
         ("render spheres -o a.jpg", 2, "--output must end in .png, .exr"),
         ("render spheres -o nowhere/a.png", 1, "--output must be in a folder that exists"),
@@ -447,6 +466,34 @@ def test_help_needs_neither_pyvista_nor_matplotlib():
     assert "--integrator" in done.stdout
     done = subprocess.run([sys.executable, "-m", "wvr", "--version"], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout) == (0, f"{wvr.__version__}\n")
+
+
+def test_studies_are_listed_run_and_reported(run, monkeypatch):
+    code, out, err = run("study")
+    assert (code, err) == (0, "") and "lum2004: Lum, Wilson and Ma" in out and "    Table 1: " in out
+    monkeypatch.setattr("studies.runner.record", lambda out: f"{out} is recorded")
+    code, _, err = run("study", "lum2003")
+    assert code == 2 and "studies are frontier" in err
+    code, _, err = run("study", "lum2004", "--all")
+    assert code == 2 and "not both" in err
+
+    from studies import runner
+
+    asked = []
+    monkeypatch.setattr(runner, "run", lambda *arguments: asked.append(arguments) or ["lum2004, Table 1: too hard"])
+    code, out, err = run("study", "lum2004", "--quick", "--resume")
+    assert (code, out) == (1, "out/studies-quick/report.html\n") and "failed: lum2004, Table 1: too hard" in err
+    assert [study.name for study in asked[0][0]] == ["lum2004"] and asked[0][1:] == (
+        Path("out/studies-quick"),
+        True,
+        True,
+    )
+    _, out, _ = run("study", "--all", "-o", "here", "--record")
+    assert "here is recorded" in out
+    assert len(asked[1][0]) == len(runner.NAMES) and asked[1][1:] == (Path("here"), False, False)
+    monkeypatch.setattr(wvr, "__file__", "/nowhere/wvr/__init__.py")
+    code, _, err = run("study")
+    assert code == 1 and "not installed" in err
 
 
 def test_up_is_y_unless_the_file_says_where_the_head_is(run, rendered, tmp_path):

@@ -236,6 +236,68 @@ def test_isosurfaces_in_order():
     assert error["closest-isosurface"] > 2 * error["isosurface"]
 
 
+def test_nested_surfaces_show_no_jumps():
+    """Second differences along a scan line: interpolated light jumps no more than light at the surfaces themselves."""
+    volume = wvr.Volume(np.clip(sphere(48).numpy(), 52, 68), (200 / 47,) * 3, (-100,) * 3)
+    tf = wvr.TransferFunction.isosurfaces([56, 60, 64], colors=["red", "lime", "blue"], opacity=0.9, width=1.0)
+    camera = wvr.Camera.fit(volume, direction=(1, 0.3, 0.2))
+    renderer = wvr.Renderer(volume, tf, integrator=wvr.Preintegrated(2.0, table_size=1024), termination=0)
+
+    def line(mode):
+        renderer.lighting = wvr.Lighting(mode, wvr.DirectionalLight((1, 1, 1)), supersample=32)
+        return renderer.render(camera, (192, 192)).rgba[96, :, :3]
+
+    truth = line("supersampled")
+    jump = {mode: np.abs(np.diff(line(mode) - truth, 2, axis=0)).max() for mode in ("center", *MODES[2:4])}
+    assert jump["interpolated"] <= jump["isosurface"]
+    assert jump["interpolated"] < 0.7 * jump["center"]
+
+
+def test_light_knows_clips_and_labels(blobs):
+    """Two labels of one transfer function are one; two halves of a lit volume are the whole, but for the cut's face."""
+    tf = wvr.TransferFunction([(0.1, "red", 0.0), (0.6, "white", 0.4)])
+    camera, lighting = wvr.Camera.fit(blobs, parallel=True), wvr.Lighting()
+    labels = wvr.Volume((np.indices(blobs.shape)[0] > 15).astype(np.uint8))
+    whole = wvr.render(blobs, tf, camera, (32, 32), tolerance=1e-4, lighting=lighting)
+    same = wvr.render(
+        blobs,
+        None,
+        camera,
+        (32, 32),
+        tolerance=1e-4,
+        lighting=lighting,
+        segmentation=wvr.Segmentation(labels, {0: tf, 1: tf}),
+    )
+    assert max_error(same, whole.rgba) < 1e-6
+    # A plane that rays run along cuts none of them.
+    forward = np.asarray(camera.target) - np.asarray(camera.position)
+    across = np.cross(forward, (0, 0, 1))
+    point = np.asarray(blobs.corners.mean(axis=0)) + 1e-3 * across
+    halves = [
+        wvr.render(
+            blobs, tf, camera, (32, 32), tolerance=1e-4, lighting=lighting, clip=wvr.ClipPlane(point, side * across)
+        ).rgba
+        for side in (1, -1)
+    ]
+    assert max_error(whole, halves[0] + halves[1]) < 1e-6
+
+
+@pytest.mark.parametrize(
+    "integrator", [wvr.Certified(1e-3), wvr.Preintegrated(0.1)], ids=lambda integrator: type(integrator).__name__
+)
+def test_cut_faces_are_lit_by_the_cut(integrator):
+    """Homogeneous data have no gradient; where a plane cuts them open the plane is the surface."""
+    volume = wvr.Volume(np.full((9, 9, 9), 5.0, np.float32), spacing=(1.0, 2.0, 1.0))
+    tf = wvr.TransferFunction([(0, "white", 0.9999), (10, "white", 0.9999)])
+    normal = np.array([-1.0, 0.3, -0.2]) / np.linalg.norm([1.0, 0.3, 0.2])
+    clip = wvr.ClipPlane((4, 8, 4), normal)
+    camera = wvr.Camera((100, 8, 4), (4, 8, 4), parallel_scale=1.0)
+    light = np.array([1.0, 1.0, 0.0]) / np.sqrt(2)
+    lighting = wvr.Lighting(light=wvr.DirectionalLight(light), specular=0.0)
+    image = wvr.render(volume, tf, camera, (3, 3), integrator=integrator, clip=clip, lighting=lighting)
+    assert image.rgba[1, 1, 0] == pytest.approx(0.2 + 0.7 * abs(normal @ light), rel=5e-3)
+
+
 @pytest.mark.parametrize("gradient", ["central", "cell"])
 def test_absent_data_are_not_lit(gradient):
     data = wvr.datasets.load("blobs", 16).numpy().astype(np.float32)

@@ -1,5 +1,7 @@
 """Volumes: what arrays they take without a copy, where they sit in the world, and what they refuse."""
 
+import pickle
+
 import numpy as np
 import pytest
 import warp as wp
@@ -131,3 +133,13 @@ def test_refused_volume():
 def test_refused_places(kwargs, message):
     with pytest.raises(ValueError, match=message):
         wvr.Volume(PLAIN, **kwargs)
+
+
+def test_a_pickled_volume_is_the_same_without_what_is_on_devices():
+    for array in (PLAIN, wp.array(PLAIN, dtype=float, device="cpu"), PLAIN[:, :1]):
+        volume = wvr.Volume(array, spacing=(1, 2, 3), origin=(4, 5, 6))
+        volume.on("cpu")
+        copy = pickle.loads(pickle.dumps(volume))
+        np.testing.assert_array_equal(copy.numpy(), volume.numpy())
+        np.testing.assert_array_equal(copy.index_to_world, volume.index_to_world)
+        np.testing.assert_array_equal(copy.on("cpu").numpy(), volume.on("cpu").numpy())

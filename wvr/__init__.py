@@ -2,6 +2,7 @@
 
 from . import datasets, presets
 from .camera import Camera
+from .clipping import ClipBox, ClipPlane, ClipSphere, ClipVolume
 from .compare import Comparison, compare
 from .image import Image
 from .integrators import AdaptivePreintegrated, AdaptiveSimpson, Certified, Exact, Preintegrated, Riemann, Simpson
@@ -11,6 +12,7 @@ from .lighting import Lighting
 from .lights import DirectionalLight, Headlight
 from .renderer import Renderer, render
 from .scattering import single_scattering
+from .segmentation import Segmentation
 from .shadows import ConvolutionShadows
 from .tables import Table, preintegrate
 from .transfer_function import TransferFunction
@@ -21,6 +23,10 @@ __all__ = [
     "AdaptiveSimpson",
     "Camera",
     "Certified",
+    "ClipBox",
+    "ClipPlane",
+    "ClipSphere",
+    "ClipVolume",
     "Comparison",
     "ConvolutionShadows",
     "DirectionalLight",
@@ -31,6 +37,7 @@ __all__ = [
     "Preintegrated",
     "Renderer",
     "Riemann",
+    "Segmentation",
     "Simpson",
     "Table",
     "TransferFunction",

@@ -142,6 +142,13 @@ class Camera:
             Vertical angle of view [degrees], in (0, 180).
         aspect
             Width / height of the image. Only below 1 does it matter: such an image needs more distance.
+
+        Examples
+        --------
+        >>> import wvr
+        >>> camera = wvr.Camera.fit(wvr.datasets.load("blobs", 8), direction=(1, 0, 0))
+        >>> camera.target.tolist()
+        [3.5, 3.5, 3.5]
         """
         towards = finite_vector(direction, "direction", "from the volume towards the camera")
         if not np.any(towards):

@@ -1,7 +1,7 @@
-"""The command line: ``wvr render`` and ``wvr info``.
+"""The command line: ``wvr render``, ``wvr info`` and ``wvr study``.
 
-Results go to stdout, everything else to stderr. Exit codes: 0; 1 where a file, device or memory fails; 2 for arguments
-that are not accepted; 130 for Ctrl-C.
+Results go to stdout, everything else to stderr. Exit codes: 0; 1 where a file, device, memory or
+study fails; 2 for arguments that are not accepted; 130 for Ctrl-C.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from . import __version__
 
 if TYPE_CHECKING:
     from .camera import Camera
+    from .clipping import Clip
     from .integrators import Integrator
     from .lighting import Lighting
     from .transfer_function import TransferFunction
@@ -31,6 +32,7 @@ app = App(name="wvr", help="Direct volume rendering, fast and accurate.", versio
 
 # "--direction -1,0,0" is a value that looks like an option.
 Vector = Annotated[str, Parameter(allow_leading_hyphen=True)]
+Vectors = Annotated[list[str], Parameter(allow_leading_hyphen=True, negative="")]
 Size = Annotated[int, Parameter(validator=Number(gte=2))]
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -43,14 +45,13 @@ def main() -> int:
     """Run the command line in ``sys.argv``; returns the exit code."""
     try:
         command, bound, *_ = app.parse_args(sys.argv[1:], exit_on_error=False, print_error=False, verbose=False)
-        command(*bound.args, **bound.kwargs)
+        return command(*bound.args, **bound.kwargs) or 0
     except KeyboardInterrupt:
         return 130
     except (CycloptsError, ValueError, TypeError) as error:
         return _failed(error, 2)
     except (OSError, MemoryError, ImportError) as error:
         return _failed(error, 1)
-    return 0
 
 
 def _failed(error: Exception, code: int) -> int:
@@ -83,6 +84,9 @@ def render(
     precision: Literal["auto", "float32", "float64"] = "auto",
     device: str | None = None,
     termination: float | None = None,
+    clip_plane: Vectors | None = None,
+    clip_box: Vectors | None = None,
+    clip_sphere: Vectors | None = None,
     threads: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
     scalars: str | None = None,
     nan: Literal["error", "transparent"] = "error",
@@ -132,6 +136,13 @@ def render(
         cpu, cuda:0, ...; by default CUDA where there is one.
     termination
         A ray ends when less than this transparency is left; 0: never.
+    clip_plane
+        PX,PY,PZ,NX,NY,NZ: keep the side of the plane through P that N points to [world coordinates]. This and the
+        other clips may be given several times; what all keep is left.
+    clip_box
+        X0,Y0,Z0,X1,Y1,Z1: keep the box between two corners.
+    clip_sphere
+        X,Y,Z,RADIUS: keep the ball.
     threads
         CPU threads; by default all cores.
     scalars
@@ -148,6 +159,19 @@ def render(
     width, height = _size(size)
     output = Path(f"{_stem(source)}.png") if output is None else output
     _check_output(output, source, background)
+    planes, boxes, balls = (
+        [_numbers(text, option, example) for text in given or []]
+        for option, given, example in (
+            ("--clip-plane", clip_plane, "64,64,64,0,0,1"),
+            ("--clip-box", clip_box, "0,0,0,64,64,64"),
+            ("--clip-sphere", clip_sphere, "64,64,64,32"),
+        )
+    )
+    clips: list[Clip] = [
+        *(wvr.ClipPlane(numbers[:3], numbers[3:]) for numbers in planes),
+        *(wvr.ClipBox(numbers[:3], numbers[3:]) for numbers in boxes),
+        *(wvr.ClipSphere(numbers[:3], numbers[3]) for numbers in balls),
+    ]
     if threads is not None:
         wvr.set_num_threads(threads)
     with _Stages() as stage:
@@ -171,6 +195,7 @@ def render(
             precision=precision,
             device=device,
             termination=termination,
+            clip=clips,
         )
         stage(f"writing {output}")
         image.save(output)
@@ -238,6 +263,66 @@ def info(
     )
     for name, suggestion in suggestions.items():
         print(f"  {name:<11} {_points(suggestion)}")
+
+
+@app.command
+def study(
+    *names: str,
+    every: Annotated[bool, Parameter(name="--all", negative="")] = False,
+    quick: Annotated[bool, Parameter(negative="")] = False,
+    resume: Annotated[bool, Parameter(negative="")] = False,
+    record: Annotated[bool, Parameter(negative="")] = False,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+) -> int:
+    """Repeat the studies that wvr's claims rest on, in a checkout; without a name, list them.
+
+    Parameters
+    ----------
+    names
+        The studies to run.
+    every
+        Run all.
+    quick
+        Small scenes and generated volumes: shows that the studies work, within minutes.
+    resume
+        Keep the parts that were finished by the same code on the same machine.
+    record
+        Also copy what is in the folder and was not made with --quick to docs/results, for the documentation.
+    output
+        Folder for tables, charts and report.html; by default out/studies, with --quick out/studies-quick.
+    """
+    if every and names:
+        raise ValueError(f"give names or --all, not both, got {' '.join(names)}")
+    runner = _studies()
+    if not every and not names:
+        for known in runner.find():
+            print(f"{known.name}: {known.title}")
+            for part in known.parts.values():
+                print(f"    {part.title}: {part.what}")
+        return 0
+    out = Path("out/studies-quick" if quick else "out/studies") if output is None else output
+    failed = runner.run(runner.find(names or runner.NAMES), out, quick, resume)
+    print(out / "report.html")
+    if record:
+        print(runner.record(out))
+    for reason in failed:
+        print(f"wvr: failed: {reason}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _studies() -> Any:
+    """The module that runs studies. They are part of a checkout, not of what is installed."""
+    import wvr
+
+    root = Path(wvr.__file__).resolve().parents[1]
+    if not (root / "studies" / "runner.py").exists():
+        raise FileNotFoundError(
+            "the studies are not installed with wvr; in a checkout of its repository, run make studies"
+        )
+    sys.path.insert(0, str(root))
+    from studies import runner
+
+    return runner
 
 
 class _Stages(logging.Handler):

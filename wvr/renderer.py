@@ -13,6 +13,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .camera import Camera, image_size
+from .clipping import Clip, ClipVolume, clip_list
 from .color import linear_rgb
 from .image import Image
 from .integrators import (
@@ -26,16 +27,22 @@ from .integrators import (
     Simpson,
 )
 from .kernels import blocks as small
+from .kernels.clip import Clip as ClipShape
+from .kernels.clip import make_clipping
 from .kernels.field import make_field
 from .kernels.importance import BLOCK, blocks, make_bends, make_distances, make_empty, make_ranges
+from .kernels.label import make_label_blocks, make_label_kinds
 from .kernels.precision import REALS, vec4_of
 from .kernels.ray import TILE, View, item, tiles
 from .kernels.raycast import make_raycast
 from .kernels.scene import Light, Shading, Step, Steps, Variant, make_scene
 from .kernels.slices import make_finish
+from .kernels.table import make_table
+from .kernels.transfer import make_transfer
 from .launch import get_device, launch
 from .lighting import Lighting
 from .lights import Headlight
+from .segmentation import Segmentation
 from .shadows import ConvolutionShadows
 from .simplify import Simplified, simplify
 from .sweep import sweep_lights
@@ -57,7 +64,8 @@ DEFAULT = Certified(1 / 512)
 TERMINATION = 1 / 1024
 # Gradient at which light has half faded [range of the transfer function per smallest voxel spacing].
 FAINT = 1e-4
-INTEGRATORS = (Riemann, Simpson, Preintegrated, AdaptivePreintegrated, AdaptiveSimpson, Exact, Certified)
+UNIFORM = (Riemann, Simpson, Preintegrated)
+INTEGRATORS = (*UNIFORM, AdaptivePreintegrated, AdaptiveSimpson, Exact, Certified)
 
 
 class Renderer:
@@ -87,19 +95,22 @@ class Renderer:
         What display and PNG files put behind the volume; ``rgba`` never has it.
     skip_empty
         Leap over blocks of the volume in which nothing has any extinction; the image is the same to rounding.
+    clip, segmentation
+        See :func:`render`.
 
     Attributes
     ----------
     builds
         How often each part was built. Of the volume: ``"volume"`` (brought to the device), ``"ranges"``, ``"extents"``
         (of blocks and small blocks of cells). Of the transfer function: ``"transfer"``, ``"table"``, ``"simplified"``.
-        Of both: ``"empty"``, ``"kinds"`` (which blocks and cells there is something to see in).
+        Of both: ``"empty"``, ``"kinds"`` (which blocks and cells there is something to see in). Of clip volumes:
+        ``"clips"``; of labels: ``"labels"`` (brought to the device), ``"blocks"`` (what blocks of them hold).
     """
 
     def __init__(
         self,
         volume: Volume,
-        transfer_function: TransferFunction,
+        transfer_function: TransferFunction | None,
         *,
         integrator: Integrator | None = None,
         tolerance: float | None = None,
@@ -110,6 +121,8 @@ class Renderer:
         termination: float | None = None,
         background: str | Sequence[float] | None = None,
         skip_empty: bool = True,
+        clip: Clip | Sequence[Clip] | None = None,
+        segmentation: Segmentation | None = None,
     ):
         if tolerance is not None:
             if integrator is not None:
@@ -125,8 +138,10 @@ class Renderer:
         self.termination = termination
         self.background = background
         self.skip_empty = skip_empty
+        self.clip = clip
+        self.segmentation = segmentation
         self.builds: Counter[str] = Counter()
-        self._kept: dict[str, tuple[tuple, Any]] = {}
+        self._kept: dict[str, dict[tuple, Any]] = {}
         self._buffers: dict[tuple, wp.array] = {}
 
     def render(self, camera: Camera, size: tuple[int, int] = (512, 512)) -> Image:
@@ -152,13 +167,9 @@ class Renderer:
         if self.shadows is not None and self.shadows.image == "slices":
             return self._render_slices(self.shadows, camera, width, height, shown, device)
         real = REALS[precision]
-        variant = Variant(
-            wp.dtype_from_numpy(self.volume.dtype), precision, rule, not self.volume.has_nonfinite, self.skip_empty
-        )
-        if self.lighting is not None:
-            mode = self.lighting.mode if rule == "preintegrated" else "point"
-            variant = replace(variant, lit=mode, gradient=self.lighting.gradient, material=self._material)
-        _check_memory(self.volume, width, height, device)
+        clips, labels = clip_list(self.clip), self.segmentation
+        variant = self._variant(precision, rule)
+        _check_memory(self.volume, clips, labels, width, height, device)
 
         scene = make_scene(variant)()
         shift = self._shift()
@@ -166,23 +177,29 @@ class Renderer:
         scene.steps = self._steps()
         scene.field = self._field(variant, shift, device)
         if isinstance(self.integrator, Certified):
-            scene.transfer = self._simplified(self.integrator.tolerance, shown, scene.steps, shift, device)
+            transfers = self._simplified(self.integrator.tolerance, shown, scene.steps, shift, device)
         else:
-            scene.transfer = self._transfer(precision, shift, device)
+            transfers = self._transfers(precision, shift, device)
+        scene.transfer = transfers[0]
+        tables = []
         if isinstance(self.integrator, Preintegrated | AdaptivePreintegrated):
-            length, generator = self._table_kind()
-            scene.table = self._table("table", length, generator, precision, shift, device)
+            tables = self._tables("table", *self._table_kind(), precision, shift, device)
+            scene.table = tables[0]
+        if clips:
+            scene.clipping = self._clipping(clips, variant, device)
+        if labels is not None:
+            self._label(scene, variant, shift, transfers, tables, device)
         if isinstance(self.integrator, AdaptivePreintegrated):
-            scene.distance = self._distance(variant, shift, scene.transfer, device)
+            scene.distance = self._distance(variant, shift, transfers, scene, device)
         if self.lighting is not None:
             scene.shading, scene.lights = self._shading(self.lighting, device)
         bound = None
         if rule == "certified":
-            scene.kinds, scene.masks, low, high = self._kinds(variant, shift, scene.transfer, device)
+            scene.kinds, scene.masks, low, high = self._kinds(variant, shift, scene, device)
             # Rays begin and end with what there is to see.
             scene.view.low, scene.view.high = wp.vec3d(*low), wp.vec3d(*high)
             bound = scene.bound = wp.zeros((height, width), dtype=wp.float32, device=device)
-        elif rule == "exact" or self.skip_empty:
+        elif labels is None and (rule == "exact" or self.skip_empty):
             scene.empty = self._empty(variant, shift, scene.transfer, device)
         if rule in ("preintegrated", "exact", "certified"):
             scene.nodes = nodes_array(precision, device)
@@ -218,7 +235,7 @@ class Renderer:
         if isinstance(self.integrator, AdaptivePreintegrated):
             stats["tolerance_covers"] = "what a linear scalar costs a step; not forced steps, nor their sum along a ray"
         if isinstance(self.integrator, AdaptiveSimpson | AdaptivePreintegrated):
-            tracer = _tracer(variant, scene, count, device)
+            tracer = _tracer(variant, scene, count, device, dict(self._kept))
         error_bound = None
         if isinstance(self.integrator, Certified):
             assert bound is not None
@@ -232,11 +249,35 @@ class Renderer:
             stats["rays_over_tolerance"] = over
         return Image(rgba.numpy().astype(shown, copy=False), count, error_bound, stats, self.background, tracer)
 
+    def _variant(self, precision: str, rule: str) -> Variant:
+        """What the scene has."""
+        clips, labels = clip_list(self.clip), self.segmentation
+        fields = {np.dtype(clip.volume.dtype) for clip in clips if isinstance(clip, ClipVolume)}
+        variant = Variant(
+            wp.dtype_from_numpy(self.volume.dtype),
+            precision,
+            rule,
+            not self.volume.has_nonfinite,
+            self.skip_empty,
+            # Clip volumes of different dtypes are read as float64.
+            clips=wp.dtype_from_numpy(fields.pop() if len(fields) == 1 else np.float64 if fields else np.uint8)
+            if clips
+            else None,
+            clipped=any(not clip.naive and getattr(clip, "parts", None) is None for clip in clips),
+            naive=any(clip.naive for clip in clips),
+            parts=next((clip.parts for clip in clips if isinstance(clip, ClipVolume) and clip.parts), None),
+            labels=None if labels is None else wp.dtype_from_numpy(labels.states[1].dtype),
+        )
+        if self.lighting is not None:
+            mode = self.lighting.mode if rule == "preintegrated" else "point"
+            variant = replace(variant, lit=mode, gradient=self.lighting.gradient, material=self._material)
+        return variant
+
     def _render_slices(
         self, shadows: ConvolutionShadows, camera: Camera, width: int, height: int, precision: str, device: wp.Device
     ) -> Image:
         """A frame composed of the slices of the shadows."""
-        _check_memory(self.volume, width, height, device)
+        _check_memory(self.volume, clip_list(self.clip), self.segmentation, width, height, device)
         rgba = wp.empty((height, width), dtype=vec4_of(REALS[precision]), device=device)
         stats, samples = self._shade(shadows, camera, rgba, precision, precision, device)
         stats |= {
@@ -259,33 +300,39 @@ class Renderer:
         swept: str,
         device: wp.Device,
     ) -> tuple[dict[str, Any], NDArray[np.int32]]:
-        """Puts an image of a ``precision`` into shadow, or makes it, by sweeps in the precision ``swept``; statistics and
-        samples of the sweeps.
+        """Puts an image of a ``precision`` into shadow, or makes it, by sweeps in the precision ``swept``.
+
+        Returns
+        -------
+        Statistics, and samples of the sweeps.
         """
         start = perf_counter()
         height, width = rgba.shape
-        variant = Variant(
-            wp.dtype_from_numpy(self.volume.dtype),
-            swept,
-            "preintegrated" if shadows.preintegrated else "midpoint",
-            not self.volume.has_nonfinite,
-            self.skip_empty,
-        )
-        if self.lighting is not None:
-            variant = replace(variant, lit="point", gradient=self.lighting.gradient, material=self._material)
+        variant = self._variant(swept, "preintegrated" if shadows.preintegrated else "midpoint")
+        # Samples of slices are points: clips leave them or not, and light is that of points.
+        clips = clip_list(self.clip)
+        variant = replace(variant, clipped=False, naive=bool(clips), parts=None, lit="point" if variant.lit else "")
         shift = self._shift()
         scene = make_scene(variant)()
         scene.view = view(self.volume, camera, width, height)
         scene.steps = self._steps()
         scene.field = self._field(variant, shift, device)
-        scene.transfer = self._transfer(swept, shift, device)
+        transfers = self._transfers(swept, shift, device)
+        scene.transfer = transfers[0]
+        tables = []
         if shadows.preintegrated:
             length = shadows.slice_distance / (shadows.subsamples + 1)
-            scene.table = self._table("slab table", length, "stretchable", swept, shift, device)
+            tables = self._tables("slab table", length, "stretchable", swept, shift, device)
+            scene.table = tables[0]
+        if clips:
+            scene.clipping = self._clipping(clips, variant, device, naive=True)
+        if self.segmentation is not None:
+            self._label(scene, variant, shift, transfers, tables, device)
         if self.lighting is not None:
             scene.shading, scene.lights = self._shading(self.lighting, device)
         if self.skip_empty:
-            scene.empty = self._empty(variant, shift, scene.transfer, device)
+            if self.segmentation is None:
+                scene.empty = self._empty(variant, shift, scene.transfer, device)
             low, high = self._seen_box(scene.empty.numpy() == 0, int(BLOCK))
             scene.view.low, scene.view.high = wp.vec3d(*low), wp.vec3d(*high)
         light, slices, samples, count = sweep_lights(self.volume, camera, shadows, variant, scene, device)
@@ -305,7 +352,10 @@ class Renderer:
             ("volume", self.volume, Volume),
             ("transfer_function", self.transfer_function, TransferFunction),
             ("camera", camera, Camera),
+            ("segmentation", self.segmentation, Segmentation),
         ):
+            if value is None and name == ("segmentation" if self.segmentation is None else "transfer_function"):
+                continue
             if not isinstance(value, accepted):
                 raise TypeError(f"{name} must be a {accepted.__name__}, got {type(value).__name__}")
         if not isinstance(self.integrator, INTEGRATORS):
@@ -320,19 +370,46 @@ class Renderer:
                 'integrator: lighting weighs where in a segment it is lit, which generator="approximate" leaves out; '
                 'take "incremental" or "brute"'
             )
+        if self.segmentation is not None and self.segmentation.labels.shape != self.volume.shape:
+            raise ValueError(
+                f"segmentation must have labels of the volume's shape {self.volume.shape}, "
+                f"got {self.segmentation.labels.shape}"
+            )
+        self._check_clips()
         choice(self.precision, "precision", ("auto", *REALS))
         if self.termination is not None and not 0 <= self.termination < 1:
             raise ValueError(f"termination must be in [0, 1), got {self.termination!r}")
         if self.background is not None:
             linear_rgb(self.background, "background")
 
+    def _check_clips(self) -> None:
+        clips = clip_list(self.clip)
+        parts = {clip.parts for clip in clips if isinstance(clip, ClipVolume) and clip.parts is not None}
+        for what, used, accepted in (
+            ("naive", any(clip.naive for clip in clips), UNIFORM),
+            ("parts", bool(parts), (Preintegrated,)),
+        ):
+            if used and not isinstance(self.integrator, accepted):
+                names = ", ".join(kind.__name__ for kind in accepted)
+                raise ValueError(f"clip with {what} needs one of {names} as integrator, got {self.integrator!r}")
+        if parts and self.lighting is not None:
+            raise ValueError("clip with parts is for segments without light, got a lighting")
+        if len(parts) > 1:
+            raise ValueError(f"clip volumes must have the same parts, got {', '.join(map(repr, sorted(parts)))}")
+
+    @property
+    def _functions(self) -> list[TransferFunction]:
+        """All transfer functions of the scene."""
+        return [self.transfer_function] if self.segmentation is None else self.segmentation.states[0]  # type: ignore[list-item]
+
     def _shift(self) -> float:
         """The constant that floating-point samples are reduced by: the middle of the transfer function's knots."""
         if self.volume.dtype.kind != "f":
             return 0.0
-        knots = self.transfer_function.knots
+        low = min(tf.knots[0] for tf in self._functions)
+        high = max(tf.knots[-1] for tf in self._functions)
         # Rounded, so that it is the same number in every precision.
-        return float(np.float32(0.5 * (knots[0] + knots[-1])))
+        return float(np.float32(0.5 * (low + high)))
 
     def _steps(self) -> Any:
         steps = Steps()
@@ -347,15 +424,15 @@ class Renderer:
     @property
     def _material(self) -> bool:
         """Whether coefficients of light vary with the scalar, and there is light."""
-        tf = self.transfer_function
-        return self.lighting is not None and any(f is not None for f in (tf.ambient, tf.diffuse, tf.specular))
+        given = (f for tf in self._functions for f in (tf.ambient, tf.diffuse, tf.specular))
+        return self.lighting is not None and any(f is not None for f in given)
 
     def _shading(self, lighting: Lighting, device: wp.Device) -> tuple[Any, wp.array]:
         """The structs of ``kernels.shading``."""
-        knots = self.transfer_function.knots
+        knots = np.concatenate([tf.knots for tf in self._functions])
         matrix = self.volume.index_to_world[:3, :3]
-        # The gradient is a number: a change over a voxel, in parts of the transfer function's range.
-        scale = self.volume.smallest_spacing / ((knots[-1] - knots[0]) or 1.0)
+        # The gradient is a number: a change over a voxel, in parts of the transfer functions' range.
+        scale = self.volume.smallest_spacing / (float(np.ptp(knots)) or 1.0)
         shading = Shading()
         for name in ("ambient", "diffuse", "specular", "shininess"):
             setattr(shading, name, getattr(lighting, name))
@@ -374,14 +451,18 @@ class Renderer:
     @property
     def _brightest(self) -> float:
         """Largest component of a colour, 1 or more: what a unit of opacity can change in any channel."""
-        return max(1.0, float(self.transfer_function.colors.max()))
+        return max(1.0, *(float(tf.colors.max()) for tf in self._functions))
 
-    def _keep(self, part: str, key: tuple, build: Any) -> Any:
+    def _keep(self, part: str, key: tuple, build: Callable[[], Any]) -> Any:
         """``build()``, or what it made last for the same ``key``."""
-        if part not in self._kept or self._kept[part][0] != key:
-            self._kept[part] = (key, build())
-            self.builds[part] += 1
-        return self._kept[part][1]
+        return self._keep_all(part, {key: build})[0]
+
+    def _keep_all(self, part: str, builds: dict[tuple, Callable[[], Any]]) -> list[Any]:
+        """Likewise several, by key."""
+        before = self._kept.get(part, {})
+        self.builds[part] += len(builds.keys() - before.keys())
+        self._kept[part] = {key: before[key] if key in before else build() for key, build in builds.items()}
+        return list(self._kept[part].values())
 
     def _field(self, variant: Variant, shift: float, device: wp.Device) -> Any:
         data = self._keep("volume", (self.volume, device.alias), lambda: self.volume.on(device))
@@ -392,14 +473,15 @@ class Renderer:
         field.shift = shift
         return field
 
-    def _transfer(self, precision: str, shift: float, device: wp.Device) -> Any:
-        tf, unit = self.transfer_function, self.volume.smallest_spacing
-        factors = transfer_factors(tf) if self._material else None
-        key = (tf.key, unit, shift, precision, device.alias, self._material)
-        return self._keep(
-            "transfer",
-            key,
-            lambda: transfer_arrays(tf.knots, transfer_values(tf, unit), shift, precision, device, factors),
+    def _transfers(self, precision: str, shift: float, device: wp.Device) -> list[Any]:
+        unit, material = self.volume.smallest_spacing, self._material
+
+        def build(tf: TransferFunction) -> Callable[[], Any]:
+            factors = transfer_factors(tf) if material else None
+            return lambda: transfer_arrays(tf.knots, transfer_values(tf, unit), shift, precision, device, factors)
+
+        return self._keep_all(
+            "transfer", {(tf.key, unit, shift, precision, device.alias, material): build(tf) for tf in self._functions}
         )
 
     def _empty(self, variant: Variant, shift: float, transfer: Any, device: wp.Device) -> wp.array:
@@ -415,37 +497,42 @@ class Renderer:
         if not self.skip_empty:
             return wp.zeros(blocks(self.volume.on(device).shape), dtype=wp.uint8, device=device)
         ranges = self._ranges(variant, device)
-        key = (self.transfer_function.key, self.volume, shift, variant.precision, device.alias)
+        key = (self._functions[0].key, self.volume, shift, variant.precision, device.alias)
         return self._keep("empty", key, build_flags)
 
-    def _simplified(self, tolerance: float, shown: str, steps: Any, shift: float, device: wp.Device) -> Any:
-        """The transfer function with fewer control points; and how the tolerance is spent, into ``steps``."""
-        tf, unit = self.transfer_function, self.volume.smallest_spacing
+    def _simplified(self, tolerance: float, shown: str, steps: Any, shift: float, device: wp.Device) -> list[Any]:
+        """Transfer functions with fewer control points; and how the tolerance is spent, into ``steps``."""
+        unit = self.volume.smallest_spacing
         brightest = self._brightest
         low, high = self.volume.index_box
         longest = float(np.linalg.norm(self.volume.index_to_world[:3, :3] @ (high - low))) / unit
 
-        def build() -> tuple[Simplified, Any]:
-            share = tolerance / 12
-            values = transfer_values(tf, unit)
-            if self._material:
-                # Coefficients of light belong to the control points there are.
-                points = Simplified(tf.knots, values, 0.0, 0.0, 0.0)
-                return points, transfer_arrays(tf.knots, values, shift, "float64", device, transfer_factors(tf))
-            points = simplify(tf.knots, values, share, share / brightest, share / (brightest * longest))
-            return points, transfer_arrays(points.knots, points.values, shift, "float64", device)
+        share, material = tolerance / 12, self._material
 
-        key = (tf.key, unit, longest, tolerance, shift, device.alias, self._material)
-        points, transfer = self._keep("simplified", key, build)
+        def build(tf: TransferFunction) -> Callable[[], tuple[Simplified, Any]]:
+            def work() -> tuple[Simplified, Any]:
+                values, factors = transfer_values(tf, unit), None
+                if material:
+                    # Coefficients of light belong to the control points there are.
+                    points, factors = Simplified(tf.knots, values, 0.0, 0.0, 0.0), transfer_factors(tf)
+                else:
+                    points = simplify(tf.knots, values, share, share / brightest, share / (brightest * longest))
+                return points, transfer_arrays(points.knots, points.values, shift, "float64", device, factors)
+
+            return work
+
+        rest = (unit, longest, brightest, tolerance, shift, device.alias, material)
+        built = self._keep_all("simplified", {(tf.key, *rest): build(tf) for tf in self._functions})
         steps.tolerance = tolerance / 4
         steps.brightest = brightest
-        steps.tinted = points.color + brightest * points.relative
+        steps.tinted = max(points.color + brightest * points.relative for points, _ in built)
+        absolute = max(points.absolute for points, _ in built)
         # Rounding: of cuts at control points and of float64 sums, and of the image.
-        steps.veiled = brightest * (points.absolute * longest + 1e-8 + (np.finfo(shown).eps / 2))
-        return transfer
+        steps.veiled = brightest * (absolute * longest + 1e-8 + (np.finfo(shown).eps / 2))
+        return [transfer for _, transfer in built]
 
     def _kinds(
-        self, variant: Variant, shift: float, transfer: Any, device: wp.Device
+        self, variant: Variant, shift: float, scene: Any, device: wp.Device
     ) -> tuple[wp.array, wp.array, NDArray[np.float64], NDArray[np.float64]]:
         """Kinds of the small blocks of cells, which of their cells there may be something to see in, and the box of
         those blocks in index coordinates.
@@ -466,16 +553,24 @@ class Renderer:
         def build() -> tuple[wp.array, wp.array, NDArray[np.float64], NDArray[np.float64]]:
             masks = self._buffer("masks", shape, wp.uint64, device)
             before, after = (self._buffer(name, shape, wp.int16, device) for name in ("kinds", "kinds before"))
-            launch(small.make_kinds(variant.dtype), masks.size, [extents, wp.float64(shift), transfer, before], device)
+            if variant.labels is None:
+                inputs = [extents, wp.float64(shift), scene.transfer, before]
+                launch(small.make_kinds(variant.dtype), masks.size, inputs, device)
+            else:
+                labels = scene.labels
+                inputs = [data, labels.states, extents, wp.float64(shift), labels.transfers, before, masks]
+                launch(make_label_kinds(variant.dtype, variant.labels), masks.size, inputs, device)
             for axis in range(3):
                 launch(small.spread, masks.size, [axis, before, after], device)
                 before, after = after, before
-            inputs = [data, extents, wp.float64(shift), transfer, before, masks]
-            launch(small.make_masks(variant.dtype), masks.size, inputs, device)
+            if variant.labels is None:
+                inputs = [data, extents, wp.float64(shift), scene.transfer, before, masks]
+                launch(small.make_masks(variant.dtype), masks.size, inputs, device)
             return before, masks, *self._seen_box(before.numpy() > int(small.EMPTY), 1 << int(small.BITS))
 
         extents = self._keep("extents", (self.volume, device.alias), build_extents)
-        return self._keep("kinds", (self._kept["simplified"][0], self.volume), build)
+        key = (*self._kept["simplified"], self.volume, self.segmentation)
+        return self._keep("kinds", key, build)
 
     def _seen_box(self, seen: NDArray[np.bool_], size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Box of the blocks (z, y, x) of a ``size`` that are seen, in index coordinates; a point if none is."""
@@ -508,9 +603,86 @@ class Renderer:
 
         return self._keep("ranges", (self.volume, device.alias), build)
 
-    def _distance(self, variant: Variant, shift: float, transfer: Any, device: wp.Device) -> wp.array:
+    def _clipping(self, clips: list[Clip], variant: Variant, device: wp.Device, naive: bool = False) -> Any:
+        """The struct of all clips, ``naive`` or as they are; of clip volumes, samples and blocks' ranges are kept."""
+        ClipStruct, Clipping = make_clipping(variant.clips)
+        dtype = np.dtype(wp.dtype_to_numpy(variant.clips))
+
+        def build(volume: Volume) -> Callable[[], tuple[wp.array, wp.array]]:
+            def work() -> tuple[wp.array, wp.array]:
+                same = volume if volume.dtype == dtype else Volume(volume.numpy().astype(dtype))
+                data = same.on(device)
+                ranges = wp.empty(blocks(data.shape), dtype=wp.vec2d, device=device)
+                launch(make_ranges(variant.clips), ranges.size, [data, ranges], device)
+                return data, ranges
+
+            return work
+
+        def placed(struct: Any, clip: Clip, world_to: NDArray[np.floating]) -> Any:
+            to_world = self.volume.index_to_world
+            struct.invert = clip.invert
+            struct.matrix = wp.mat33d(*(world_to[:3, :3] @ to_world[:3, :3]).ravel())
+            struct.offset = wp.vec3d(*(world_to[:3, :3] @ to_world[:3, 3] + world_to[:3, 3]))
+            return struct
+
+        fields = {
+            (clip.volume, dtype, device.alias): build(clip.volume) for clip in clips if isinstance(clip, ClipVolume)
+        }
+        kept = dict(zip(fields, self._keep_all("clips", fields), strict=True)) if fields else {}
+        groups: dict[str, list[Any]] = {}
+        for clip in clips:
+            if isinstance(clip, ClipVolume):
+                struct = placed(ClipStruct(), clip, np.linalg.inv(clip.volume.index_to_world))
+                data, struct.ranges = kept[clip.volume, dtype, device.alias]
+                struct.field.data = data
+                struct.field.last = wp.vec3i(*(n - 2 for n in reversed(data.shape)))
+                struct.iso = float(clip.iso)
+                struct.low, struct.high = (wp.vec3d(*corner) for corner in clip.volume.index_box)
+                name = "naive_volumes" if clip.naive or naive else "partial_volumes" if clip.parts else "volumes"
+            else:
+                struct = placed(ClipShape(), clip, clip.world_to_shape)
+                struct.kind = clip.kind
+                name = "naive_shapes" if clip.naive or naive else "shapes"
+            groups.setdefault(name, []).append(struct)
+        clipping = Clipping()
+        for name, structs in groups.items():
+            kind = ClipShape if name.endswith("shapes") else ClipStruct
+            setattr(clipping, name, wp.array(structs, dtype=kind, device=device))
+        return clipping
+
+    def _label(
+        self, scene: Any, variant: Variant, shift: float, transfers: list[Any], tables: list[Any], device: wp.Device
+    ) -> None:
+        """Into the scene: states, what blocks of them hold, and the states' transfer functions and tables."""
+        assert self.segmentation is not None
+        segmentation, labels = self.segmentation, scene.labels
+        states = segmentation.states[1]
+
+        def build_states() -> wp.array:
+            return Volume(states[segmentation.labels.numpy()]).on(device)
+
+        def build_blocks() -> tuple[wp.array, wp.array]:
+            held = wp.empty(ranges.shape, dtype=int, device=device)
+            empty = wp.empty(ranges.shape, dtype=wp.uint8, device=device)
+            inputs = [labels.states, labels.transfers, ranges, wp.float64(shift), self.skip_empty, held, empty]
+            launch(make_label_blocks(variant.labels, real), held.size, inputs, device)
+            return held, empty
+
+        real = REALS[variant.precision]
+        ranges = self._ranges(variant, device)
+        labels.states = self._keep("labels", (segmentation, device.alias), build_states)
+        labels.transfers = wp.array(transfers, dtype=make_transfer(real)[0], device=device)
+        if tables:
+            labels.tables = wp.array(tables, dtype=make_table(real)[0], device=device)
+        part = "simplified" if isinstance(self.integrator, Certified) else "transfer"
+        key = (segmentation, self.volume, self.skip_empty, *self._kept[part])
+        labels.blocks, scene.empty = self._keep("blocks", key, build_blocks)
+
+    def _distance(
+        self, variant: Variant, shift: float, transfers: list[Any], scene: Any, device: wp.Device
+    ) -> wp.array:
         """How long a step may be in each block of cells, by the integrator's tolerance."""
-        data, tf, unit = self.volume.on(device), self.transfer_function, self.volume.smallest_spacing
+        data, unit = self.volume.on(device), self.volume.smallest_spacing
 
         def build_bends() -> wp.array:
             result = wp.empty(blocks(data.shape), dtype=wp.vec2d, device=device)
@@ -518,17 +690,29 @@ class Renderer:
             launch(make_bends(variant.dtype), result.size, [data, scale, result], device)
             return result
 
-        def build() -> wp.array:
+        def distances(tf: TransferFunction, transfer: Any) -> wp.array:
             result = wp.empty(ranges.shape, dtype=wp.float32, device=device)
             maxima = range_maxima(tf, unit, device)
             inputs = [ranges, bends, wp.float64(shift), transfer, maxima, wp.float64(tolerance), result]
             launch(make_distances(REALS[variant.precision]), result.size, inputs, device)
             return result
 
+        def build() -> wp.array:
+            each = [distances(tf, transfer) for tf, transfer in zip(functions, transfers, strict=True)]
+            if variant.labels is None:
+                return each[0]
+            # By its own transfer function in a block of one, else the shortest of all.
+            held = scene.labels.blocks.numpy()
+            result = np.min([one.numpy() for one in each], axis=0)
+            for state, one in enumerate(each):
+                result = np.where(held == state, one.numpy(), result)
+            return wp.array(result, dtype=wp.float32, device=device)
+
+        functions = self._functions
         tolerance = self.integrator.steps["tolerance"]
         ranges = self._ranges(variant, device)
         bends = self._keep("bends", (self.volume, device.alias), build_bends)
-        key = (tf.key, self.volume, shift, variant.precision, device.alias, tolerance)
+        key = (*self._kept["transfer"], self.volume, tolerance, self.segmentation)
         return self._keep("distances", key, build)
 
     def _table_kind(self) -> tuple[float, str]:
@@ -537,21 +721,25 @@ class Renderer:
             return self.integrator.steps["step"], self.integrator.generator
         return self.integrator.steps["shortest"], "stretchable"
 
-    def _table(
+    def _tables(
         self, part: str, length: float, generator: str, precision: str, shift: float, device: wp.Device
-    ) -> Any:
-        tf, unit = self.transfer_function, self.volume.smallest_spacing
+    ) -> list[Any]:
+        unit = self.volume.smallest_spacing
         n, domain = _table_shape(self.volume, getattr(self.integrator, "table_size", None) if part == "table" else None)
         lit = self.lighting is not None and generator != "stretchable"
-        key = (tf.key, unit, length, n, domain, generator, precision, device.alias, lit)
-        arguments = (tf, n, length, unit, domain, generator, precision, device)
-        build = lit_tables if lit else table_array
-        return table_struct(self._keep(part, key, lambda: build(*arguments)), domain, shift, precision)
+        make = lit_tables if lit else table_array
+
+        def build(tf: TransferFunction) -> Callable[[], tuple[wp.array, ...]]:
+            return lambda: make(tf, n, length, unit, domain, generator, precision, device)
+
+        rest = (unit, length, n, domain, generator, precision, device.alias, lit)
+        built = self._keep_all(part, {(tf.key, *rest): build(tf) for tf in self._functions})
+        return [table_struct(tables, domain, shift, precision) for tables in built]
 
 
 def render(
     volume: Volume,
-    transfer_function: TransferFunction,
+    transfer_function: TransferFunction | None,
     camera: Camera,
     size: tuple[int, int] = (512, 512),
     *,
@@ -564,6 +752,8 @@ def render(
     device: Any = None,
     termination: float | None = None,
     skip_empty: bool = True,
+    clip: Clip | Sequence[Clip] | None = None,
+    segmentation: Segmentation | None = None,
 ) -> Image:
     """Render a volume.
 
@@ -572,7 +762,7 @@ def render(
     volume
         The field.
     transfer_function
-        Colour and extinction of a scalar.
+        Colour and extinction of a scalar; not used, and may be None, with a segmentation.
     camera
         Where it is seen from.
     size
@@ -604,6 +794,13 @@ def render(
     skip_empty
         Leap over blocks of the volume in which nothing has any extinction. False computes everything; the image is the
         same to rounding.
+    clip
+        What is cut away: a ``ClipPlane``, ``ClipBox``, ``ClipSphere`` or ``ClipVolume``, or a list of them, of which
+        what all leave is left. Rays are cut exactly, with every integrator; bounds on errors hold. See
+        :mod:`wvr.clipping`.
+    segmentation
+        Labels of the samples and a transfer function for each, with boundaries cut as exactly; see
+        :class:`Segmentation`.
 
     Returns
     -------
@@ -629,6 +826,8 @@ def render(
         termination=termination,
         background=background,
         skip_empty=skip_empty,
+        clip=clip,
+        segmentation=segmentation,
     )
     return renderer.render(camera, size)
 
@@ -657,14 +856,19 @@ def view(volume: Volume, camera: Camera, width: int, height: int) -> Any:
 
 
 def _tracer(
-    variant: Variant, scene: Any, count: NDArray[np.int32], device: wp.Device
+    variant: Variant, scene: Any, count: NDArray[np.int32], device: wp.Device, kept: dict[str, Any]
 ) -> Callable[[int, int], NDArray[np.void]]:
-    """Steps of the ray of a pixel, by rendering it once more; a ray has no more steps than samples."""
+    """Steps of the ray of a pixel, by rendering it once more; a ray has no more steps than samples.
+
+    ``kept`` are the arrays that structs in the scene's arrays point to.
+    """
     variant = replace(variant, traced=True)
 
     def trace(x: int, y: int) -> NDArray[np.void]:
+        assert kept  # alive as long as the tracer
         traced = make_scene(variant)()
-        for name in ("view", "steps", "field", "transfer", "empty", "table", "distance", "shading", "lights"):
+        names = "view steps field transfer empty table distance shading lights clipping labels"
+        for name in names.split():
             setattr(traced, name, getattr(scene, name))
         traced.trace = wp.zeros(int(count[y, x]), dtype=Step, device=device)
         rgba = wp.empty(count.shape, dtype=vec4_of(REALS[variant.precision]), device=device)
@@ -690,12 +894,17 @@ def _table_shape(volume: Volume, table_size: int | None) -> tuple[int, tuple[flo
     return 512, (lo, hi)
 
 
-def _check_memory(volume: Volume, width: int, height: int, device: wp.Device) -> None:
-    needed = volume.numpy().nbytes * (not device.is_cpu) + width * height * 64
+def _check_memory(
+    volume: Volume, clips: list[Clip], labels: Segmentation | None, width: int, height: int, device: wp.Device
+) -> None:
+    volumes = {volume, *(clip.volume for clip in clips if isinstance(clip, ClipVolume))}
+    needed = sum(one.numpy().nbytes for one in volumes) * (not device.is_cpu) + width * height * 64
+    if labels is not None:
+        needed += labels.labels.numpy().nbytes
     free = device.free_memory if device.is_cuda else _free_host_memory()
     if needed > free:
         raise MemoryError(
-            f"volume and image need {needed / 2**30:.1f} GiB on {device.alias}, which has {free / 2**30:.1f} GiB free; "
+            f"data and image need {needed / 2**30:.1f} GiB on {device.alias}, which has {free / 2**30:.1f} GiB free: "
             f"take a smaller size than {width} x {height}, or a smaller volume"
         )
 

@@ -103,7 +103,7 @@ def single_scattering(
     scene.view = view(volume, camera, width, height)
     scene.steps = renderer._steps()
     scene.field = renderer._field(variant, shift, at)
-    scene.transfer = renderer._transfer(precision, shift, at)
+    scene.transfer = renderer._transfers(precision, shift, at)[0]
     scene.empty = renderer._empty(variant, shift, scene.transfer, at)
     assert renderer.lighting is not None
     scene.shading, scene.lights = renderer._shading(renderer.lighting, at)

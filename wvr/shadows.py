@@ -57,6 +57,7 @@ class ConvolutionShadows:
         ``"slices"``: composed of the slices themselves, as in the papers; there is no integrator.
     cell
         Width of the cells of light, > 0; across the light in the middle of the volume, for a headlight in perspective.
+        By default what the spread allows, ``11 tan(spread)``, at least 1 and at most 4 (from 20 degrees on).
 
     Raises
     ------
@@ -76,11 +77,12 @@ class ConvolutionShadows:
     mode: str = "auto"
     received: str = "mean"
     image: str = "rays"
-    cell: float = 1.0
+    cell: float | None = None
 
     def __post_init__(self) -> None:
         positive(self.slice_distance, "slice_distance")
-        positive(self.cell, "cell")
+        if self.cell is not None:
+            positive(self.cell, "cell")
         if (
             isinstance(self.subsamples, bool)
             or not isinstance(self.subsamples, int | np.integer)
@@ -118,6 +120,11 @@ class ConvolutionShadows:
         """The lights, also where one was given."""
         assert isinstance(self.light, tuple)
         return self.light
+
+    @property
+    def cell_width(self) -> float:
+        """``cell``, or what it is by default."""
+        return float(np.clip(11 * np.tan(np.radians(self.spread)), 1, 4)) if self.cell is None else self.cell
 
     @property
     def diffusion(self) -> float:

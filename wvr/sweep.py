@@ -144,7 +144,7 @@ def place(
         right = np.cross(way, up if abs(way @ up) < 0.9 else right)
         right /= np.linalg.norm(right)
         up = np.cross(right, way)
-    cell, reference = shadows.cell, 1.0
+    cell, reference = shadows.cell_width, 1.0
     slant = 1.0 / float(axis @ way)
     if fans:
         reference = 0.5 * (start + end)
@@ -159,7 +159,7 @@ def place(
         flat = np.clip(flat / depth[:, None], -extent, extent)
         if z.min() < start:
             flat = np.stack([-extent, extent])
-    blur = MARGIN * np.sqrt(2 * shadows.diffusion * (end - start) * slant) / shadows.cell
+    blur = MARGIN * np.sqrt(2 * shadows.diffusion * (end - start) * slant) / shadows.cell_width
     corner = np.floor(flat.min(axis=0) - blur) - 1
     columns, rows = (np.ceil(flat.max(axis=0) + blur) + 2 - corner).astype(int)
 

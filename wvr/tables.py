@@ -409,6 +409,13 @@ def preintegrate(
     ValueError
         For n < 2, lengths <= 0, NaN or not ascending, lo >= hi, a transfer function of a single scalar without
         ``domain``, or weights with a generator that has none.
+
+    Examples
+    --------
+    >>> import wvr
+    >>> tf = wvr.TransferFunction([(0, "red", 0.0), (1, "blue", 0.5)])
+    >>> wvr.preintegrate(tf, 16, length=2.0, device="cpu").rgba.shape
+    (16, 16, 4)
     """
     if not isinstance(tf, TransferFunction):
         raise TypeError(f"tf must be a TransferFunction, got {type(tf).__name__}")

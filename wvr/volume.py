@@ -49,6 +49,12 @@ class Volume:
     ValueError
         For a wrong rank, an empty array, non-finite samples (with ``nan="error"``), spacing <= 0, or a singular
         direction.
+
+    Examples
+    --------
+    >>> import numpy as np, wvr
+    >>> wvr.Volume(np.zeros((2, 3, 4), np.uint8), spacing=(1, 1, 2.5))
+    Volume(4 x 3 x 2 uint8, spacing=(1.0, 1.0, 2.5))
     """
 
     #: Whether world x, y, z are a patient's axes (z towards the head), as DICOM, NIfTI and some NRRD files say.
@@ -179,6 +185,11 @@ class Volume:
         from .io import to_pyvista
 
         return to_pyvista(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is pickled: the samples as NumPy holds them, nothing of any device."""
+        state = {name: value for name, value in vars(self).items() if name != "_host_copy"}
+        return state | {"data": self.numpy(), "_device_arrays": {}}
 
     def __repr__(self) -> str:
         nz, ny, nx = self.shape

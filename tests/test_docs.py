@@ -1,0 +1,93 @@
+"""The pages are true as far as a machine can tell: code runs, links lead somewhere, every public name is documented."""
+
+import doctest
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+
+import wvr
+from wvr import cli
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted(page for page in (ROOT / "docs").rglob("*.md"))]
+
+
+def blocks(page: Path) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.S)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.name)
+def test_code_runs(page, tmp_path, monkeypatch, threads):
+    monkeypatch.chdir(tmp_path)
+    for block in blocks(page):
+        exec(compile(block, str(page), "exec"), {})
+
+
+def test_the_example_of_the_readme_writes_an_image_and_says_how_wrong_it_is(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (example,) = blocks(ROOT / "README.md")
+    exec(compile(example, "README.md", "exec"), {})
+    assert (tmp_path / "tree.png").stat().st_size > 10_000 and "Image(512 x 512" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    for link in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
+        assert link.startswith("https://") or (page.parent / link).exists(), link
+
+
+def test_every_page_is_in_the_contents():
+    contents = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    for page in PAGES[1:]:
+        name = page.relative_to(ROOT / "docs").with_suffix("").as_posix()
+        assert name == "index" or re.search(rf"^{name}$", contents, re.M), name
+
+
+def public() -> dict[str, object]:
+    """Everything that ``wvr`` exports, and public methods and properties of its classes, by name."""
+    found: dict[str, object] = {}
+    for name in wvr.__all__:
+        thing = getattr(wvr, name)
+        found[name] = thing
+        for member, value in vars(thing).items() if inspect.isclass(thing) else ():
+            if not member.startswith("_") and (callable(value) or isinstance(value, property | classmethod)):
+                found[f"{name}.{member}"] = value
+    return found
+
+
+# What an integrator tells the renderer; documented once, in the protocol.
+PROTOCOL = ("rule", "steps", "order", "termination")
+
+
+def test_every_public_name_is_documented():
+    assert set(wvr.__all__) <= set(dir(wvr))
+    without = [n for n, thing in public().items() if not inspect.getdoc(thing) and n.split(".")[-1] not in PROTOCOL]
+    assert not without
+
+
+def test_parameters_are_documented():
+    """Those of every exported function and class are in its docstring, by name."""
+    missing = []
+    for name in wvr.__all__:
+        thing = getattr(wvr, name)
+        if callable(thing):
+            text = inspect.getdoc(thing) or ""
+            for parameter in inspect.signature(thing).parameters.values():
+                if not re.search(rf"\b{parameter.name}\b", text):
+                    missing.append(f"{name}({parameter.name})")
+    assert not missing
+
+
+def test_examples_in_docstrings_run():
+    modules = {inspect.getmodule(getattr(wvr, name)) for name in wvr.__all__}
+    tried = [doctest.testmod(module) for module in modules if module is not None]
+    assert sum(result.failed for result in tried) == 0 and sum(result.attempted for result in tried) >= 5
+
+
+def test_every_option_of_the_command_line_has_help():
+    for command in (cli.render, cli.info, cli.study):
+        text = inspect.getdoc(command) or ""
+        for name in inspect.signature(command).parameters:
+            assert re.search(rf"^{name}$", text, re.M), f"{command.__name__}: {name}"
