@@ -79,7 +79,7 @@ def test_the_defaults_are_those_of_the_api(run):
 def test_every_option_arrives(run, rendered, monkeypatch):
     threads = []
     monkeypatch.setattr(wvr, "set_num_threads", threads.append)
-    options = "--lighting center:0.1:0.5 "
+    options = "--lighting center:0.1:0.5 --shadows -1,0,2 "
     options += "--size 8x6 --integrator riemann:0.25:left --precision float64 --device cpu --termination 0 --threads 3"
     assert (
         render_spheres(run, *options.split(), "--background", "white")
@@ -89,6 +89,7 @@ def test_every_option_arrives(run, rendered, monkeypatch):
         "size": (8, 6),
         "integrator": wvr.Riemann(0.25, "left"),
         "lighting": wvr.Lighting("center", ambient=0.1, diffuse=0.5),
+        "shadows": wvr.ConvolutionShadows(light=wvr.DirectionalLight((-1, 0, 2))),
         "precision": "float64",
         "device": "cpu",
         "termination": 0,
@@ -115,7 +116,7 @@ def test_clips(run, rendered):
 def test_what_is_not_given_is_left_to_the_api(run, rendered):
     render_spheres(run)
     assert rendered["size"] == (512, 512) and rendered["precision"] == "auto"
-    assert [rendered[name] for name in ("integrator", "lighting", "device", "termination")] == [None] * 4
+    assert [rendered[name] for name in ("integrator", "lighting", "shadows", "device")] == [None] * 4
     assert not rendered["clip"]
 
 
@@ -264,6 +265,8 @@ def test_the_background_is_in_png_files(run, rendered):
             2,
             "--integrator must start with one of riemann, simpson",
         ),
+        ("render spheres --shadows 1,2", 2, "--shadows must be numbers such as 1,2,3"),
+        ("render spheres --shadows 0,0,0", 2, "direction must not be zero"),
         ("render spheres --lighting phong", 2, "--lighting must be one of center, average"),
         ("render spheres --lighting center:x", 2, "or like interpolated:0.2:0.7:0.3:32"),
         ("render spheres --lighting center:-1", 2, "ambient must be"),

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .clipping import Clip
     from .integrators import Integrator
     from .lighting import Lighting
+    from .shadows import ConvolutionShadows
     from .transfer_function import TransferFunction
     from .volume import Volume
 
@@ -74,6 +75,7 @@ def render(
     tolerance: float | None = None,
     integrator: str | None = None,
     lighting: str | None = None,
+    shadows: Vector | None = None,
     size: str = "512x512",
     direction: Vector | None = None,
     up: Vector | None = None,
@@ -115,6 +117,8 @@ def render(
     lighting
         Light from the camera: interpolated, or another mode of the API, MODE:AMBIENT:DIFFUSE:SPECULAR:SHININESS with
         what is left out as in the API.
+    shadows
+        X,Y,Z towards a light that casts them, or "headlight".
     size
         WIDTHxHEIGHT in pixels.
     direction
@@ -156,6 +160,7 @@ def render(
 
     method = None if integrator is None else _integrator(integrator)
     light = None if lighting is None else _lighting(lighting)
+    shade = None if shadows is None else _shadows(shadows)
     width, height = _size(size)
     output = Path(f"{_stem(source)}.png") if output is None else output
     _check_output(output, source, background)
@@ -191,6 +196,7 @@ def render(
             integrator=method,
             tolerance=tolerance,
             lighting=light,
+            shadows=shade,
             background=background,
             precision=precision,
             device=device,
@@ -450,6 +456,15 @@ def _lighting(text: str) -> Lighting:
             f"--lighting must be one of {', '.join(MODES)}, or like interpolated:0.2:0.7:0.3:32, got {text!r}"
         )
     return Lighting(mode, **dict(zip(names, numbers, strict=False)))  # type: ignore[arg-type]
+
+
+def _shadows(text: str) -> ConvolutionShadows:
+    from .lights import DirectionalLight
+    from .shadows import ConvolutionShadows
+
+    if text == "headlight":
+        return ConvolutionShadows()
+    return ConvolutionShadows(light=DirectionalLight(_numbers(text, "--shadows", "1,2,3")))
 
 
 def _literal(text: str) -> int | float | str:

@@ -19,8 +19,10 @@ from .lights import Headlight, Light
 from .shadows import ConvolutionShadows
 from .volume import Volume
 
-# Slices that light is ahead of the eye: rays take up their state that much less often.
-CHUNK = 64
+# Bytes of the slices that light is ahead of the eye: rays take up their state that much less often.
+AHEAD = 64 << 20
+# Cells that a thread takes up at least: a slice is little work.
+GRAIN = 2048
 # Largest variance of a step of diffusion [cells], at which its weights are positive.
 LARGEST_STEP = 0.5
 # Steps of diffusion a slab at most; only right in front of a camera inside the volume more would be asked for.
@@ -66,21 +68,21 @@ def sweep_lights(
         lit = wp.zeros((height, width), dtype=wp.vec3d, device=device)
         sweep, shape, variance = place(volume, camera, shadows, light, scene.view)
         real = REALS[variant.precision]
-        chunk = min(CHUNK, sweep.slices)
+        cells = shape[0] * shape[1]
+        chunk = min(max(AHEAD // (cells * wp.types.type_size_in_bytes(real)), 16), sweep.slices)
         stack = wp.empty((chunk + 1, *shape), dtype=real, device=device)
         stack[0].fill_(1.0)
         lights = [stack[k] for k in range(chunk + 1)]
         spare, rest = (wp.empty(shape, dtype=real, device=device) for _ in range(2))
-        cells = shape[0] * shape[1]
         for first in range(0, sweep.slices, chunk):
             count = min(chunk, sweep.slices - first)
             for slab in range(count):
-                launch(attenuate, cells, [scene, sweep, first + slab, lights[slab], spare, rest], device)
+                launch(attenuate, cells, [scene, sweep, first + slab, lights[slab], spare, rest], device, GRAIN)
                 q = variance(first + slab)
                 steps = min(int(np.ceil(q / LARGEST_STEP)) or 1, MOST_STEPS)
                 before, after = spare, lights[slab + 1]
                 for step in range(steps):
-                    launch(diffuse, cells, [real(q / steps), before, rest, step == steps - 1, after], device)
+                    launch(diffuse, cells, [real(q / steps), before, rest, step == steps - 1, after], device, GRAIN)
                     before, after = after, before
                 if before is spare:
                     wp.copy(lights[slab + 1], spare)
@@ -172,7 +174,7 @@ def place(
     sweep.ahead, sweep.offset = wp.vec3d(*(axis @ matrix)), float(axis @ shift)
     sweep.diverging = fans
     sweep.across = wp.mat33d(*np.vstack([side @ matrix, np.zeros(3)]).ravel())
-    sweep.shift = wp.vec3d(*side @ shift, 0.0)
+    sweep.shift = wp.vec3d(*np.append(side @ shift, 0.0))
     sweep.corner = wp.vec2d(*corner)
     sweep.origin = wp.vec3d(*(-to_index @ shift))
     sweep.along = wp.vec3d(*(to_index @ back[:, 2]))
