@@ -293,7 +293,8 @@ def make_slices(variant):
         foot = sweep.across @ point + sweep.shift
         drift = sweep.across @ way
         if sweep.diverging:
-            foot /= z
+            # Rays come from where light does: from inside the volume, where z = 0, too.
+            foot = drift / rate
             drift = wp.vec3d()
         u = real(foot[0] - sweep.corner[0])
         v = real(foot[1] - sweep.corner[1])

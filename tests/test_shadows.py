@@ -161,6 +161,16 @@ def test_a_hard_shadow_has_its_place():
     assert bright[4, 23] > 0.3 and bright[28, 23] > 0.3
 
 
+def test_headlight_from_inside(blobs):
+    """A camera in the volume, light from there along every ray: of an opacity A, A (1 - A / 2) is seen."""
+    tf = wvr.TransferFunction([(0, "white", 0.0), (255, "white", 0.1)])
+    center = blobs.corners.mean(axis=0)
+    camera = wvr.Camera(center, center + np.array([1, 0.3, 0.2]), view_angle=60)
+    for image in ("rays", "slices"):
+        rgba = shaded(blobs, tf, camera, (16, 16), spread=0.0, slice_distance=0.25, cell=0.1, image=image).rgba
+        assert np.abs(rgba[..., 0] - rgba[..., 3] * (1 - rgba[..., 3] / 2)).max() < 1e-3
+
+
 def test_shadows_stay_within_what_is_emitted(blobs, smooth_tf):
     """Light is between none and all of it, and opacity that of the integrator, bound and all."""
     tf = wvr.TransferFunction([(60, "red", 0.0), (200, "white", 0.5)])

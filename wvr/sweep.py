@@ -133,7 +133,7 @@ def place(
     start, end = float(z.min()), float(z.max())
     if fans:
         # Nothing behind the camera is seen, nor casts a shadow that is.
-        start = max(start, shadows.slice_distance)
+        start = max(start, 0.0)
         end = max(end, start + shadows.slice_distance)
     if not camera.parallel:
         sweeps_all(camera, axis, view)
@@ -153,14 +153,12 @@ def place(
         cell /= reference
     side = np.stack([right, up]) / cell
     flat = corners @ side.T
-    depth = np.ones(8)
     if fans:
         half = np.tan(np.radians(camera.view_angle) / 2)
         extent = half / cell * np.array([view.width / view.height, 1.0])
-        depth = np.maximum(z, start)
-        flat = np.clip(flat / depth[:, None], -extent, extent)
-        if z.min() < start:
-            flat = np.stack([-extent, extent])
+        flat = np.stack([-extent, extent])
+        if z.min() > 0:
+            flat = np.clip(corners @ side.T / z[:, None], -extent, extent)
     blur = MARGIN * np.sqrt(2 * shadows.diffusion * (end - start) * slant) / shadows.cell_width
     corner = np.floor(flat.min(axis=0) - blur) - 1
     columns, rows = (np.ceil(flat.max(axis=0) + blur) + 2 - corner).astype(int)
