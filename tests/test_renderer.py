@@ -151,3 +151,22 @@ def test_errors(scene, kwargs, error, message):
 def test_integrator_errors(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize("integrator", [wvr.Certified(1e-2), wvr.Riemann(1.0)], ids=lambda i: type(i).__name__)
+def test_share_of_the_volume_that_is_skipped(integrator):
+    """All of it, none of it, and about the half that is empty; none where nothing is to be skipped."""
+    data = np.zeros((65, 65, 65), np.uint8)
+    data[:, :, 32:] = 100
+    volume = wvr.Volume(data)
+    camera = wvr.Camera.fit(volume)
+
+    def skipped(points, **options):
+        tf = wvr.TransferFunction(points)
+        return wvr.render(volume, tf, camera, (8, 8), integrator=integrator, **options).stats["skipped"]
+
+    seen = [(50, "red", 0.0), (100, "red", 0.5)]
+    assert skipped([(0, "red", 0.0), (255, "red", 0.0)]) == 1
+    assert skipped([(0, "red", 0.5), (255, "red", 0.5)]) == 0
+    assert 0.35 < skipped(seen) < 0.5
+    assert skipped(seen, skip_empty=False) == 0

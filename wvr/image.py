@@ -29,7 +29,8 @@ class Image:
     error_bound
         Bound on the absolute error of any channel, shape (height, width); None where the method gives none.
     stats
-        Seconds by stage, counts and sizes; empty by default.
+        Seconds by stage, counts and sizes, the share of the volume that was skipped, what a tolerance covers; empty by
+        default.
     background
         What display and PNG files put behind the volume: a colour name, ``"#rrggbb"`` or three linear numbers; None,
         the default, leaves them transparent. ``rgba`` never has it.

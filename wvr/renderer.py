@@ -193,14 +193,16 @@ class Renderer:
             scene.distance = self._distance(variant, shift, transfers, scene, device)
         if self.lighting is not None:
             scene.shading, scene.lights = self._shading(self.lighting, device)
-        bound = None
+        bound, skipped = None, 0.0
         if rule == "certified":
-            scene.kinds, scene.masks, low, high = self._kinds(variant, shift, scene, device)
+            scene.kinds, scene.masks, skipped, low, high = self._kinds(variant, shift, scene, device)
             # Rays begin and end with what there is to see.
             scene.view.low, scene.view.high = wp.vec3d(*low), wp.vec3d(*high)
             bound = scene.bound = wp.zeros((height, width), dtype=wp.float32, device=device)
         elif labels is None and (rule == "exact" or self.skip_empty):
             scene.empty = self._empty(variant, shift, scene.transfer, device)
+        if rule != "certified" and self.skip_empty:
+            skipped = float(scene.empty.numpy().mean())
         if rule in ("preintegrated", "exact", "certified"):
             scene.nodes = nodes_array(precision, device)
         rgba = wp.empty((height, width), dtype=vec4_of(real), device=device)
@@ -218,6 +220,7 @@ class Renderer:
             "seconds_raycast": end - prepared,
             "rays": width * height,
             "samples": int(count.sum(dtype=np.int64)),
+            "skipped": skipped,
             "bytes": self.volume.numpy().nbytes + rgba.capacity + samples.capacity,
             "device": device.name,
             "precision": shown,
@@ -533,9 +536,9 @@ class Renderer:
 
     def _kinds(
         self, variant: Variant, shift: float, scene: Any, device: wp.Device
-    ) -> tuple[wp.array, wp.array, NDArray[np.float64], NDArray[np.float64]]:
-        """Kinds of the small blocks of cells, which of their cells there may be something to see in, and the box of
-        those blocks in index coordinates.
+    ) -> tuple[wp.array, wp.array, float, NDArray[np.float64], NDArray[np.float64]]:
+        """Kinds of the small blocks of cells, which of their cells there may be something to see in, the share of
+        blocks with nothing, and the box of the others in index coordinates.
         """
         data = self.volume.on(device)
         shape = small.blocks(data.shape)
@@ -543,14 +546,14 @@ class Renderer:
             kinds, masks = (wp.empty(shape, dtype=dtype, device=device) for dtype in (wp.int16, wp.uint64))
             kinds.fill_(int(small.SEVERAL))
             masks.fill_(2**64 - 1)
-            return kinds, masks, *self.volume.index_box
+            return kinds, masks, 0.0, *self.volume.index_box
 
         def build_extents() -> wp.array:
             result = self._buffer("extents", shape, wp.types.vector(2, variant.dtype), device)
             launch(small.make_ranges(variant.dtype), result.size, [data, result], device)
             return result
 
-        def build() -> tuple[wp.array, wp.array, NDArray[np.float64], NDArray[np.float64]]:
+        def build() -> tuple[wp.array, wp.array, float, NDArray[np.float64], NDArray[np.float64]]:
             masks = self._buffer("masks", shape, wp.uint64, device)
             before, after = (self._buffer(name, shape, wp.int16, device) for name in ("kinds", "kinds before"))
             if variant.labels is None:
@@ -566,7 +569,8 @@ class Renderer:
             if variant.labels is None:
                 inputs = [data, extents, wp.float64(shift), scene.transfer, before, masks]
                 launch(small.make_masks(variant.dtype), masks.size, inputs, device)
-            return before, masks, *self._seen_box(before.numpy() > int(small.EMPTY), 1 << int(small.BITS))
+            seen = before.numpy() > int(small.EMPTY)
+            return before, masks, 1.0 - float(seen.mean()), *self._seen_box(seen, 1 << int(small.BITS))
 
         extents = self._keep("extents", (self.volume, device.alias), build_extents)
         key = (*self._kept["simplified"], self.volume, self.segmentation)
