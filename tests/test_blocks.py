@@ -16,7 +16,8 @@ def built(data, tf, device="cpu", nan="error"):
     renderer = wvr.Renderer(volume, tf, tolerance=1e-6, device=device)
     renderer.render(wvr.Camera.fit(volume), (1, 1))
     kept = {part: next(iter(renderer._kept[part].values())) for part in ("kinds", "simplified", "extents")}
-    kinds, masks, *box = kept["kinds"]
+    kinds, masks, skipped, *box = kept["kinds"]
+    assert skipped == pytest.approx((kinds.numpy() <= int(EMPTY)).mean())
     assert_box(kinds.numpy(), *box)
     return kinds.numpy(), masks.numpy(), kept["simplified"][0], kept["extents"].numpy()
 

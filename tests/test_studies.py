@@ -57,11 +57,12 @@ def test_stability_of_images(tmp_path, monkeypatch):
     # What has no place in an image is found: an opacity below 0 leaves no room for colour either.
     scene = few[0].scene
     exact = scene.render(wvr.Exact())
+    case = stability.Case("made up", "one", scene)
     for value, counts in ((np.nan, (1, 0, 0)), (1.5, (0, 1, 1)), (-0.5, (0, 4, 1)), (0.5, (0, 0, 1))):
         image = scene.render(wvr.Certified(1e-3))
         image.rgba[3, 4, 3] = value
         image.error_bound[3, 4] *= np.isfinite(value)
-        assert stability.impossible(image, scene, exact) == counts, value
+        assert stability.impossible(image, case, exact) == counts, value
     monkeypatch.setattr(stability, "impossible", lambda *_: (0, 1, 0))
     with pytest.raises(AssertionError, match="images that no scene can have"):
         stability.images(tmp_path, quick=True)
