@@ -76,6 +76,13 @@ def test_the_defaults_are_those_of_the_api(run):
     assert re.fullmatch(rf"a\.npy: 40 x 30, {samples} samples, [\d.e-]+ s, errors up to [\d.e-]+\n", out)
 
 
+def test_the_bound_does_not_speak_of_light(run):
+    code, out, _ = run(
+        "render", "spheres", "--dataset-size", SIZE, "--size", "8x6", "--lighting", "center", "-o", "a.npy"
+    )
+    assert code == 0 and re.search(r"errors up to [\d.e-]+ but for light\n$", out)
+
+
 def test_every_option_arrives(run, rendered, monkeypatch):
     threads = []
     monkeypatch.setattr(wvr, "set_num_threads", threads.append)

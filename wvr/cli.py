@@ -207,6 +207,8 @@ def render(
         image.save(output)
     samples, seconds = image.stats["samples"], image.stats["seconds"]
     bound = "" if image.error_bound is None else f", errors up to {image.error_bound.max():.2g}"
+    if bound and (light or shade):
+        bound += " but for light"
     print(f"{output}: {width} x {height}, {samples:,} samples, {seconds:.3g} s{bound}")
 
 
