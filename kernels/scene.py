@@ -86,15 +86,19 @@ class Shading:
     ahead: wp.mat33d  # index directions to world directions
 
 
-@cache
 def make_scene(variant):
-    """The struct with all that a kernel of ``variant`` reads."""
-    real = REALS[variant.precision]
-    Field, _ = make_field(variant.dtype, real)
+    """The struct with all that a kernel of ``variant`` reads: the same where variants differ in other things."""
+    return _make_scene(variant.dtype, variant.precision, variant.clips, variant.labels, variant.traced)
+
+
+@cache
+def _make_scene(dtype, precision, clips, labels, traced):
+    real = REALS[precision]
+    Field, _ = make_field(dtype, real)
     Transfer, _, _ = make_transfer(real)
     Table, _ = make_table(real)
-    _, Clipping = make_clipping(variant.clips or wp.uint8)
-    Labels = make_labels(variant.labels or wp.uint8, variant.precision)
+    _, Clipping = make_clipping(clips or wp.uint8)
+    Labels = make_labels(labels or wp.uint8, precision)
     vec2 = wp.vec2d if real is wp.float64 else wp.vec2
 
     @wp.struct
@@ -137,4 +141,4 @@ def make_scene(variant):
         start: wp.float64  # where this one begins
         front: wp.vec4d  # composite of those before
 
-    return TracedScene if variant.traced else Scene
+    return TracedScene if traced else Scene

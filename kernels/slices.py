@@ -1,11 +1,4 @@
-"""Light that travels from slice to slice, and the eye that passes the same slices.
-
-Slices are planes across the axis of a sweep, numbered the way light goes. Light is kept in a frame that travels with
-it: its cells are squares across its own direction, or fan out from the camera for a headlight in perspective, so that
-nothing is displaced, however tilted light is. From slice to slice it obeys ``dL/dl = D laplace(L) - tau L`` by
-splitting (Angelelli and Bruckner 2017, section 3, made convergent): a share of the slab's attenuation, diffusion, the
-rest. The step of diffusion is ``I + G + G^2 / 2``, G the five-point Laplacian: of second order, not only its moments.
-All updates are differences, so that float32 loses nothing where little happens.
+"""The eye that passes the slices of light, and what it makes of them.
 
 Light goes ahead by a number of slices, then the eye's rays follow through the slabs between them.
 """
@@ -14,10 +7,8 @@ from functools import cache
 
 import warp as wp
 
-from .clip import make_shown
 from .field import make_field
 from .importance import MARGIN, make_leap
-from .label import make_label_at
 from .precision import REALS, vec3_of, vec4_of
 from .ray import entry, pixel
 from .scene import make_scene
@@ -25,35 +16,12 @@ from .segment import make_absorbed, over, widened
 from .shading import make_point, make_shading
 from .table import make_table
 from .transfer import make_transfer
-
-
-@wp.struct
-class Sweep:
-    """Depth z along the axis and all lengths in units of the smallest voxel spacing."""
-
-    start: wp.float64  # z of slice 0
-    thickness: wp.float64  # of a slab
-    slices: int
-    parts: int  # that a slab is sampled in
-    ahead: wp.vec3d  # z = dot(ahead, p) + offset, p in index coordinates
-    offset: wp.float64
-    diverging: bool  # a cell's width grows with z, and is that at z = 1
-    across: wp.mat33d  # rows 0, 1: u, v = across p + shift; over z if diverging; then less corner
-    shift: wp.vec3d
-    corner: wp.vec2d  # u, v of cell (0, 0)
-    origin: wp.vec3d  # p = origin + z along + (u + corner) side[0] + (v + corner) side[1]; times z if diverging
-    along: wp.vec3d
-    side: wp.mat33d  # columns 0, 1
-    slant: wp.float64  # length of light's way over that along the axis
-    widening: wp.float64  # square of a cell's width where z = 1, if diverging
-    before: wp.float64  # share of a slab's attenuation before diffusion
-    after: wp.float64
-    front: bool  # slabs are seen by the light at their front alone
+from .travel import Sweep, make_there
 
 
 @cache
-def make_slices(variant):
-    """The kernels ``attenuate``, ``diffuse``, ``advance`` of a sweep."""
+def make_advance(variant):
+    """The kernel ``advance`` of a sweep."""
     real = REALS[variant.precision]
     vec3 = vec3_of(real)
     vec4 = vec4_of(real)
@@ -69,27 +37,7 @@ def make_slices(variant):
     seen = make_point(variant)
     absorbed, _ = make_absorbed(real)
     leap = make_leap(real)
-    clipped = variant.naive
-    labelled = variant.labels is not None
-    shown = make_shown(variant.clips or wp.uint8)
-    label_at = make_label_at(variant.labels or wp.uint8, variant.precision)
-
-    @wp.func
-    def there(scene: Scene, p: vec3):
-        """Whether clips and labels leave a point; its label's transfer function is then the scene's."""
-        if wp.static(clipped or labelled):
-            place = wp.vec3d(wp.float64(p[0]), wp.float64(p[1]), wp.float64(p[2]))
-            if wp.static(clipped):
-                if not shown(scene.clipping, place):
-                    return False
-            if wp.static(labelled):
-                state = label_at(scene.labels, scene.field.last, place)
-                if state < 0 or state >= scene.labels.transfers.shape[0]:
-                    return False
-                scene.transfer = scene.labels.transfers[state]
-                if wp.static(preintegrated):
-                    scene.table = scene.labels.tables[state]
-        return True
+    there = make_there(variant)
 
     @wp.func
     def tissue(scene: Scene, origin: vec3, direction: vec3, eye: vec3, a: real, h: real, front: real, back: real):
@@ -114,129 +62,6 @@ def make_slices(variant):
             if wp.static(finite) or wp.isfinite(s):
                 q = seen(scene, s, origin, direction, middle, eye)
         return q
-
-    @wp.func
-    def depth(scene: Scene, p: vec3, d: vec3, length: real, parts: int):
-        """Optical depth of the straight way from p to p + d, as much of it as is inside the box."""
-        a = real(0.0)
-        b = real(1.0)
-        for c in range(3):
-            low = real(scene.view.low[c]) - p[c]
-            high = real(scene.view.high[c]) - p[c]
-            if wp.where(d[c] < real(0.0), d[c], real(0.0)) < low or wp.where(d[c] > real(0.0), d[c], real(0.0)) > high:
-                if d[c] == real(0.0):
-                    return real(0.0)
-                t0 = low / d[c]
-                t1 = high / d[c]
-                a = wp.max(a, wp.min(t0, t1))
-                b = wp.min(b, wp.max(t0, t1))
-        if b <= a:
-            return real(0.0)
-        if wp.static(skip):
-            if leap(scene.empty, scene.field.last, p, d, a, b) >= b:
-                return real(0.0)
-        h = (b - a) / real(parts)
-        total = real(0.0)
-        front = real(0.0)
-        if wp.static(preintegrated):
-            front = value(scene.field, p + a * d)
-        for n in range(parts):
-            t = a + real(n) * h
-            if wp.static(preintegrated):
-                back = value(scene.field, p + (t + h) * d)
-                leaves = there(scene, p + (t + real(0.5) * h) * d)
-                if leaves and (wp.static(finite) or (wp.isfinite(front) and wp.isfinite(back))):
-                    total += wp.max(lookup(scene.table, front, back)[3], real(0.0))
-                front = back
-            else:
-                s = value(scene.field, p + (t + real(0.5) * h) * d)
-                leaves = there(scene, p + (t + real(0.5) * h) * d)
-                if leaves and (wp.static(finite) or wp.isfinite(s)):
-                    k = interval(scene.transfer, s)
-                    total += wp.max(
-                        scene.transfer.value[k][3] + (s - scene.transfer.knot[k]) * scene.transfer.slope[k][3],
-                        real(0.0),
-                    )
-        return total * h * length
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def attenuate(
-        base: int,
-        scene: Scene,
-        sweep: Sweep,
-        slab: int,
-        light: wp.array2d(dtype=real),
-        result: wp.array2d(dtype=real),
-        rest: wp.array2d(dtype=real),
-    ):
-        """Attenuation before diffusion; ``rest`` is the opacity for after it."""
-        item = wp.tid() + base
-        j = item // light.shape[1]
-        i = item - j * light.shape[1]
-        L = light[j, i]
-        A = real(0.0)
-        B = real(0.0)
-        # What is left behind a transparency of 1e-6 can be seen by nobody.
-        if L > real(1.0e-6):
-            z = sweep.start + wp.float64(slab) * sweep.thickness
-            u = wp.float64(i) + sweep.corner[0]
-            v = wp.float64(j) + sweep.corner[1]
-            w = u * wp.vec3d(sweep.side[0, 0], sweep.side[1, 0], sweep.side[2, 0]) + v * wp.vec3d(
-                sweep.side[0, 1], sweep.side[1, 1], sweep.side[2, 1]
-            )
-            p = sweep.origin + z * sweep.along
-            d = sweep.along
-            slant = sweep.slant
-            if sweep.diverging:
-                p += z * w
-                d += w
-                slant = wp.sqrt(wp.float64(1.0) + sweep.widening * (u * u + v * v))
-            else:
-                p += w
-            d *= sweep.thickness
-            D = depth(
-                scene,
-                vec3(real(p[0]), real(p[1]), real(p[2])),
-                vec3(real(d[0]), real(d[1]), real(d[2])),
-                real(slant * sweep.thickness),
-                sweep.parts,
-            )
-            if D > real(0.0):
-                A = absorbed(real(sweep.before) * D)
-                B = absorbed(real(sweep.after) * D)
-        result[j, i] = L - L * A
-        rest[j, i] = B
-
-    @wp.func
-    def at(light: wp.array2d(dtype=real), j: int, i: int):
-        """Light of a cell; 1 outside."""
-        if i < 0 or j < 0 or j >= light.shape[0] or i >= light.shape[1]:
-            return real(1.0)
-        return light[wp.max(j, 0), wp.max(i, 0)]
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def diffuse(
-        base: int,
-        q: real,
-        light: wp.array2d(dtype=real),
-        rest: wp.array2d(dtype=real),
-        last: bool,
-        result: wp.array2d(dtype=real),
-    ):
-        """Diffusion by a variance of q, at most 1/2, along each axis; after the last step the rest of attenuation."""
-        item = wp.tid() + base
-        j = item // light.shape[1]
-        i = item - j * light.shape[1]
-        L = light[j, i]
-        near = at(light, j, i - 1) + at(light, j, i + 1) + at(light, j - 1, i) + at(light, j + 1, i)
-        far = at(light, j, i - 2) + at(light, j, i + 2) + at(light, j - 2, i) + at(light, j + 2, i)
-        corners = at(light, j - 1, i - 1) + at(light, j - 1, i + 1)
-        corners += at(light, j + 1, i - 1) + at(light, j + 1, i + 1)
-        four = real(4.0) * L
-        L += q * ((real(0.5) - q) * (near - four) + q * (real(0.125) * (far - four) + real(0.25) * (corners - four)))
-        if last:
-            L -= L * rest[j, i]
-        result[j, i] = L
 
     @wp.func
     def light_at(stack: wp.array3d(dtype=real), slice: int, u: real, v: real):
@@ -377,7 +202,7 @@ def make_slices(variant):
         lit_rgb[y, x] = shone
         samples[y, x] += evaluated
 
-    return attenuate, diffuse, advance
+    return advance
 
 
 @wp.kernel(enable_backward=False, module="unique")

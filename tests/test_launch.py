@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 
 import wvr
-from wvr.launch import get_device, launch
+from wvr.launch import get_device, launch, launch_in_turn
 
 
 @wp.kernel(enable_backward=False)
@@ -31,6 +31,37 @@ def test_errors_in_strips_surface(threads):
     threads(2)
     with pytest.raises(Exception, match="count"):
         launch(count, 1000, [wp.zeros(1000, dtype=float, device="cpu")], get_device("cpu"))
+
+
+@wp.kernel(enable_backward=False)
+def neighbours(base: int, factor: float, source: int, state: wp.array2d(dtype=float)):
+    i = wp.tid() + base
+    last = state.shape[1] - 1
+    near = state[source, wp.max(i - 1, 0)] + state[source, wp.min(i + 1, last)]
+    state[1 - source, i] = factor * (state[source, i] + near)
+
+
+@pytest.mark.parametrize("items", [1, 2, 5, 1000])
+def test_in_turn_waits_for_the_step_before(device, items, threads):
+    start = np.random.default_rng(5).random((2, items)).astype(np.float32)
+    steps = [(0.3 + 0.01 * k, k % 2) for k in range(50)]
+    expected = start[0].astype(float)
+    for factor, _ in steps:
+        padded = np.pad(expected, 1, mode="edge")
+        expected = factor * (padded[:-2] + padded[1:-1] + padded[2:])
+    for n in (1, 2, 5):
+        threads(n)
+        state = wp.array(start, device=device)
+        launch_in_turn(neighbours, items, steps, [state], get_device(device))
+        np.testing.assert_allclose(state.numpy()[0], expected, rtol=1e-4)
+
+
+def test_errors_of_a_step_surface(threads):
+    """And leave no thread waiting for others."""
+    threads(2)
+    state = wp.zeros((2, 100), dtype=float, device="cpu")
+    with pytest.raises(Exception, match=r"factor|convert|float"):
+        launch_in_turn(neighbours, 100, [(1.0, 0), ("wide", 1), (1.0, 0)], [state], get_device("cpu"))
 
 
 @pytest.mark.parametrize("n", [0, -1, 1.5, "many", None, True, float("nan")])

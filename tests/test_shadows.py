@@ -5,9 +5,9 @@ import pytest
 import warp as wp
 
 import wvr
-from wvr.kernels.scene import Variant
-from wvr.kernels.slices import make_slices
-from wvr.launch import get_device, launch
+from wvr.kernels.scene import Variant, make_scene
+from wvr.kernels.travel import BORDER, RUN, Sweep, make_travel, run_of
+from wvr.launch import get_device, launch_in_turn
 
 from .conftest import max_error
 
@@ -47,34 +47,36 @@ def test_uniform_medium(tau, image):
     assert order > 1.9 or errors[0] < 1e-12
 
 
-def sweep_of_light(n, q, shape=(61, 61), spot=True, precision="float64"):
-    """Light after n steps of diffusion by a variance q each: a spot on black, or a corner, away from the border."""
-    variant = Variant(wp.float32, precision, "midpoint", True, True)
-    _, diffuse, _ = make_slices(variant)
+def sweep_of_light(n, q):
+    """Light after n steps of diffusion by a variance q each: a spot on black, away from the border."""
+    variant = Variant(wp.float32, "float64", "midpoint", True, True)
+    _, step = make_travel(variant)
     device = get_device("cpu")
-    start = np.zeros(shape)
-    if spot:
-        start[shape[0] // 2, shape[1] // 2] = 1.0
-    real = wp.float64 if precision == "float64" else wp.float32
-    before = wp.array(start, dtype=real, device=device)
-    after, rest = wp.empty_like(before), wp.zeros_like(before)
-    for step in range(n):
-        launch(diffuse, before.size, [real(q), before, rest, step == n - 1, after], device)
-        before, after = after, before
-    return before.numpy()
+    rows, columns, border, run = 96, 96, int(BORDER), int(RUN)
+    start = np.ones((2, rows + 2 * border, columns + 2 * run))
+    inner = start[0, border:-border, run:-run]
+    inner[:] = 0.0
+    inner[rows // 2, columns // 2] = 1.0
+    state = wp.array(start.reshape(2, rows + 2 * border, -1, run), dtype=run_of(wp.float64), device=device)
+    rest = wp.zeros((rows, columns // run), dtype=run_of(wp.float64), device=device)
+    scenes, sweeps = (wp.zeros(1, dtype=kind, device=device) for kind in (make_scene(variant), Sweep))
+    none, stack = (wp.empty((0, 0, 0), dtype=kind, device=device) for kind in (wp.uint8, run_of(wp.float64)))
+    steps = [(0, wp.float64(q), k % 2, -1) for k in range(n)]
+    launch_in_turn(step, rest.size, steps, [scenes, sweeps, none, state, rest, stack], device)
+    return state.numpy()[n % 2].reshape(start.shape[1:])[border:-border, run:-run]
 
 
 def test_spot_spreads_by_its_variance_and_loses_nothing():
     n, q = 12, 0.3
     light = sweep_of_light(n, q)
-    x = np.arange(61) - 30
+    x = np.arange(96) - 48
     # The border is bright: what came from there has not reached the spot.
-    inner = light[16:-16, 16:-16]
+    inner = light[24:-23, 24:-23]
     total = inner.sum()
     assert total == pytest.approx(1, abs=1e-3)
-    variance = (inner * x[16:-16, None] ** 2).sum() / total
+    variance = (inner * x[24:-23, None] ** 2).sum() / total
     assert variance == pytest.approx(n * q, rel=0.01)
-    assert abs((inner * x[16:-16, None]).sum()) < 1e-12
+    assert abs((inner * x[24:-23, None]).sum()) < 1e-12
     assert inner.min() >= 0
 
 

@@ -9,17 +9,23 @@ from __future__ import annotations
 
 import logging
 import os
+import threading
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 log = logging.getLogger("wvr")
 
 # More strips than threads, so that strips of uneven cost balance.
 STRIPS_PER_THREAD = 16
+# The same where threads wait for each other after each few hundred microseconds.
+STRIPS_PER_STEP = 2
 
 _threads: int | None = None
 
@@ -113,6 +119,78 @@ def launch(kernel: wp.Kernel, items: int, inputs: list[Any], device: wp.Device, 
     run()
     for done in others:
         done.result()
+
+
+def launch_in_turn(kernel: wp.Kernel, items: int, steps: Sequence[tuple], inputs: list[Any], device: wp.Device) -> None:
+    """Run ``kernel(base, *step, *inputs)`` over ``items`` work items for each step, one step after the other.
+
+    For many short ones: arguments are packed once, and on the CPU threads wait for each other but never end between.
+
+    Parameters
+    ----------
+    steps
+        Numbers, first arguments of the kernel.
+    """
+    _load(kernel, device.alias)
+    threads = 1 if device.is_cuda else min(get_num_threads(), items)
+    strips = 1 if threads == 1 else min(STRIPS_PER_STEP * threads, items)
+    strip = -(-items // strips)
+    strips = -(-items // strip)
+    barrier = threading.Barrier(threads)
+    order = iter(range(strips * len(steps)))
+
+    def run() -> None:
+        # Every thread has a strip of each step, so when all wait, the step before is done.
+        try:
+            command = wp.launch(kernel, strip, [0, *steps[0], *inputs], device=device, record_cmd=True)
+            last = 0
+            for n in order:
+                step, part = divmod(n, strips)
+                if step != last:
+                    for index, value in enumerate(steps[step]):
+                        command.set_param_at_index(1 + index, value)
+                    last = step
+                    if threads > 1:
+                        barrier.wait()
+                if strips > 1:
+                    command.set_dim(min(strip, items - part * strip))
+                    command.set_param_at_index(0, part * strip)
+                command.launch()
+        except BaseException:
+            barrier.abort()
+            raise
+
+    with ThreadPoolExecutor(threads) as pool:
+        others = [pool.submit(run) for _ in range(threads - 1)]
+        run()
+        for done in others:
+            done.result()
+
+
+@contextmanager
+def vast(shape: tuple[int, ...], dtype: Any, device: wp.Device) -> Iterator[wp.array]:
+    """A large array of numbers, not initialized.
+
+    On the CPU its memory is left to the next one: a process that touches 68 MB for the first time waits 30 to 90 ms.
+    """
+    if device.is_cuda:
+        yield wp.empty(shape, dtype=dtype, device=device)
+        return
+    number = wp.dtype_to_numpy(dtype)
+    size = int(np.prod(shape)) * np.dtype(number).itemsize
+    try:
+        memory = _spare.pop()
+    except IndexError:
+        memory = np.empty(0, np.uint8)
+    if memory.size < size:
+        memory = np.empty(size, np.uint8)
+    try:
+        yield wp.array(memory[:size].view(number).reshape(shape), dtype=dtype, device=device, copy=False)
+    finally:
+        _spare[:] = [memory]
+
+
+_spare: list[np.ndarray] = []
 
 
 @cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 from .camera import Camera
 from .kernels.precision import REALS
 from .kernels.ray import TILE, tiles
-from .kernels.scene import Variant
-from .kernels.slices import Sweep, gather, make_slices
-from .launch import launch
+from .kernels.scene import Variant, make_scene
+from .kernels.slices import gather, make_advance
+from .kernels.travel import BORDER, ROWS, RUN, SLABS, Sweep, make_travel, run_of
+from .launch import launch, launch_in_turn, vast
 from .lights import Headlight, Light
 from .shadows import ConvolutionShadows
 from .volume import Volume
 
 # Bytes of the slices that light is ahead of the eye: rays take up their state that much less often.
-AHEAD = 64 << 20
-# Cells that a thread takes up at least: a slice is little work.
-GRAIN = 2048
+AHEAD = 128 << 20
 # Largest variance of a step of diffusion [cells], at which its weights are positive.
 LARGEST_STEP = 0.5
 # Steps of diffusion a slab at most; only right in front of a camera inside the volume more would be asked for.
@@ -59,7 +58,7 @@ def sweep_lights(
         Of all sweeps.
     """
     height, width = scene.view.height, scene.view.width
-    attenuate, diffuse, advance = make_slices(variant)
+    advance = make_advance(variant)
     result = wp.zeros((height, width), dtype=wp.vec3d, device=device)
     samples = wp.zeros((height, width), dtype=int, device=device)
     slices = 0
@@ -67,32 +66,55 @@ def sweep_lights(
         rgba = wp.zeros((height, width), dtype=wp.vec4d, device=device)
         lit = wp.zeros((height, width), dtype=wp.vec3d, device=device)
         sweep, shape, variance = place(volume, camera, shadows, light, scene.view)
-        real = REALS[variant.precision]
-        cells = shape[0] * shape[1]
-        chunk = min(max(AHEAD // (cells * wp.types.type_size_in_bytes(real)), 16), sweep.slices)
-        stack = wp.empty((chunk + 1, *shape), dtype=real, device=device)
-        stack[0].fill_(1.0)
-        lights = [stack[k] for k in range(chunk + 1)]
-        spare, rest = (wp.empty(shape, dtype=real, device=device) for _ in range(2))
-        for first in range(0, sweep.slices, chunk):
-            count = min(chunk, sweep.slices - first)
-            for slab in range(count):
-                launch(attenuate, cells, [scene, sweep, first + slab, lights[slab], spare, rest], device, GRAIN)
-                q = variance(first + slab)
-                steps = min(int(np.ceil(q / LARGEST_STEP)) or 1, MOST_STEPS)
-                before, after = spare, lights[slab + 1]
-                for step in range(steps):
-                    launch(diffuse, cells, [real(q / steps), before, rest, step == steps - 1, after], device, GRAIN)
-                    before, after = after, before
-                if before is spare:
-                    wp.copy(lights[slab + 1], spare)
-            tile = int(TILE) ** 2
+        tile = int(TILE) ** 2
+        for first, count, stack in travel(variant, scene, sweep, shape, variance, device):
             inputs = [scene, sweep, first, count, stack, rgba, lit, samples]
             launch(advance, tiles(width, height) * tile, inputs, device, grain=tile)
-            wp.copy(lights[0], lights[count])
         launch(gather, width * height, [rgba, lit, wp.vec3d(*light.color), shadows.image == "rays", result], device)
         slices += sweep.slices
     return result, rgba, samples.numpy(), slices
+
+
+def travel(
+    variant: Variant,
+    scene: Any,
+    sweep: Any,
+    shape: tuple[int, int],
+    variance: Callable[[int], float],
+    device: wp.Device,
+) -> Iterator[tuple[int, int, wp.array]]:
+    """Let light travel: yields the first slab, the number of slabs, and the light of the slices around them, which
+    only lasts until the next.
+    """
+    occupy, step = make_travel(variant)
+    real = REALS[variant.precision]
+    rows, columns = shape
+    runs = columns // int(RUN)
+    occupied = wp.empty((-(-sweep.slices // int(SLABS)), -(-rows // int(ROWS)), runs), dtype=wp.uint8, device=device)
+    launch(occupy, occupied.size, [scene, sweep, occupied], device)
+    state = wp.ones((2, rows + 2 * int(BORDER), runs + 2), dtype=run_of(real), device=device)
+    rest = wp.empty((rows, runs), dtype=run_of(real), device=device)
+    chunk = min(max(AHEAD // (rows * columns * wp.types.type_size_in_bytes(real)), 16), sweep.slices)
+    scenes = wp.array([scene], dtype=make_scene(variant), device=device)
+    sweeps = wp.array([sweep], dtype=Sweep, device=device)
+    with vast((chunk + 1, rows, columns), real, device) as stack:
+        stacked = wp.array(ptr=stack.ptr, dtype=run_of(real), shape=(chunk + 1, rows, runs), device=device)
+        source = 0
+        for first in range(0, sweep.slices, chunk):
+            count = min(chunk, sweep.slices - first)
+            steps: list[tuple] = []
+            # The light in front of all slabs is attenuated by the first of them.
+            for slab in range(first - (first == 0), first + count):
+                q = variance(slab) if slab >= 0 else 0.0
+                parts = min(int(np.ceil(q / LARGEST_STEP)) or 1, MOST_STEPS)
+                for part in range(parts):
+                    slot = slab + 1 - first if part == parts - 1 else -1
+                    steps.append((slab, real(q / parts), source, slot))
+                    source = 1 - source
+            inputs = [scenes, sweeps, occupied, state, rest, stacked]
+            launch_in_turn(step, rows * runs, steps, inputs, device)
+            yield first, count, stack
+            wp.copy(stack[0], stack[count])
 
 
 def axis_of(camera: Camera, light: Light, mode: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -162,6 +184,7 @@ def place(
     blur = MARGIN * np.sqrt(2 * shadows.diffusion * (end - start) * slant) / shadows.cell_width
     corner = np.floor(flat.min(axis=0) - blur) - 1
     columns, rows = (np.ceil(flat.max(axis=0) + blur) + 2 - corner).astype(int)
+    columns = -(-columns // int(RUN)) * int(RUN)
 
     # From (u, v, z) back: three planes that meet in a point.
     back = np.linalg.inv(np.stack([*side, axis]))
