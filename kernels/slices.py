@@ -88,16 +88,19 @@ def make_advance(variant):
         first: int,
         count: int,
         stack: wp.array3d(dtype=real),
+        shown: wp.array2d(dtype=wp.uint8),
         rgba: wp.array2d(dtype=wp.vec4d),
         lit_rgb: wp.array2d(dtype=wp.vec3d),
         samples: wp.array2d(dtype=int),
     ):
         """The eye's rays through ``count`` slabs from the ``first``; ``stack`` is the light of the slices around them.
 
-        ``rgba`` is the composite without shadows, ``lit_rgb`` its colour with them.
+        Only rays that are ``shown``. ``rgba`` is the composite without shadows, ``lit_rgb`` its colour with them.
         """
         x, y = pixel(scene.view, wp.tid() + base)
         if y >= scene.view.height:
+            return
+        if shown[y, x] == wp.uint8(0):
             return
         before = rgba[y, x]
         point, way, inside = entry(scene.view, x, y)
@@ -236,9 +239,18 @@ def gather(
 
 @cache
 def make_finish(precision):
-    """Kernel ``(base, light, rgba, share, image)``: an image's colours times shares, or all of it from the slices."""
+    """Kernels ``choose(base, image, shown)``: the pixels that show anything, and ``finish(base, light, rgba, share,
+    image)``: an image's colours times shares, or all of it from the slices.
+    """
     real = REALS[precision]
     vec4 = vec4_of(real)
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def choose(base: int, image: wp.array2d(dtype=vec4), shown: wp.array2d(dtype=wp.uint8)):
+        item = wp.tid() + base
+        y = item // image.shape[1]
+        x = item - y * image.shape[1]
+        shown[y, x] = wp.uint8(wp.where(image[y, x][3] > real(0.0), 1, 0))
 
     @wp.kernel(enable_backward=False, module="unique")
     def finish(
@@ -259,4 +271,4 @@ def make_finish(precision):
         else:
             image[y, x] = vec4(real(q[0]), real(q[1]), real(q[2]), real(rgba[y, x][3]))
 
-    return finish
+    return choose, finish

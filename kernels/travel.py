@@ -7,8 +7,8 @@ splitting (Angelelli and Bruckner 2017, section 3, made convergent): a share of 
 rest. The step of diffusion is ``I + G + G^2 / 2``, G the five-point Laplacian: of second order, not only its moments.
 All updates are differences, so that float32 loses nothing where little happens.
 
-Cells go in runs of ``RUN`` along a row, which compilers turn into a few wide instructions, and only tiles that anything
-may attenuate light in look at the volume.
+Cells go in runs of ``RUN`` along a row, which compilers turn into a few wide instructions. Only tiles with blocks in
+them that are not empty look at the volume, and tiles that no shadow has reached are left as they are.
 """
 
 from functools import cache
@@ -229,15 +229,24 @@ def make_travel(variant):
         occupied: wp.array3d(dtype=wp.uint8),
         light: wp.array3d(dtype=Run),
         rest: wp.array2d(dtype=Run),
+        touched: wp.array2d(dtype=wp.uint8),
         stack: wp.array3d(dtype=Run),
     ):
         """Diffusion by a variance of q, at most 1/2, along each axis, of light that is through with the slab's first
         share of attenuation. If a ``slot`` of the stack is given, diffusion is done: the rest of attenuation, and the
-        first share of the next slab's.
+        first share of the next slab's. ``touched`` tiles, with a border of one, may have less than full light.
         """
         item = wp.tid() + base
         j = item // rest.shape[1]
         i = item - j * rest.shape[1]
+        shaded = bool(False)  # by the next slab, perhaps
+        if slot >= 0 and slab + 1 < occupied.shape[0] * SLABS:
+            shaded = occupied[(slab + 1) // SLABS, j // ROWS, i] != wp.uint8(0)
+        if not shaded and touched[j // ROWS + 1, i + 1] == wp.uint8(0):
+            # Full light is left as it is.
+            if slot >= 0:
+                stack[slot, j, i] = Run(real(1.0))
+            return
         y = j + BORDER
         x = i + 1
         L = light[source, y, x]
@@ -257,32 +266,37 @@ def make_travel(variant):
                 if occupied[slab // SLABS, j // ROWS, i] != wp.uint8(0):
                     L -= wp.cw_mul(L, rest[j, i])
             stack[slot, j, i] = L
-            slab += 1
-            if slab < occupied.shape[0] * SLABS:
-                if occupied[slab // SLABS, j // ROWS, i] != wp.uint8(0):
-                    scene = scenes[0]
-                    sweep = sweeps[0]
-                    A = Run()
-                    B = Run()
-                    z = sweep.start + wp.float64(slab) * sweep.thickness
-                    cells = int(RUN)  # not a constant: the loop stays one
-                    for n in range(cells):
-                        # What is left behind a transparency of 1e-6 can be seen by nobody.
-                        if L[n] > real(1.0e-6):
-                            p, d, slant = way_of(sweep, z, i * RUN + n, j)
-                            d *= sweep.thickness
-                            D = depth(
-                                scene,
-                                vec3(real(p[0]), real(p[1]), real(p[2])),
-                                vec3(real(d[0]), real(d[1]), real(d[2])),
-                                real(slant * sweep.thickness),
-                                sweep.parts,
-                            )
-                            if D > real(0.0):
-                                A[n] = absorbed(real(sweep.before) * D)
-                                B[n] = absorbed(real(sweep.after) * D)
-                    L -= wp.cw_mul(L, A)
-                    rest[j, i] = B
+            if shaded:
+                scene = scenes[0]
+                sweep = sweeps[0]
+                A = Run()
+                B = Run()
+                z = sweep.start + wp.float64(slab + 1) * sweep.thickness
+                cells = int(RUN)  # not a constant: the loop stays one
+                for n in range(cells):
+                    # What is left behind a transparency of 1e-6 can be seen by nobody.
+                    if L[n] > real(1.0e-6):
+                        p, d, slant = way_of(sweep, z, i * RUN + n, j)
+                        d *= sweep.thickness
+                        D = depth(
+                            scene,
+                            vec3(real(p[0]), real(p[1]), real(p[2])),
+                            vec3(real(d[0]), real(d[1]), real(d[2])),
+                            real(slant * sweep.thickness),
+                            sweep.parts,
+                        )
+                        if D > real(0.0):
+                            A[n] = absorbed(real(sweep.before) * D)
+                            B[n] = absorbed(real(sweep.after) * D)
+                L -= wp.cw_mul(L, A)
+                rest[j, i] = B
         light[1 - source, y, x] = L
+        if wp.min(L) < real(1.0):
+            # Diffusion reaches two cells.
+            above = (j - 2 + ROWS) // ROWS
+            below = (j + 2) // ROWS + 1
+            for c in range(3):
+                touched[above, i + c] = wp.uint8(1)
+                touched[below, i + c] = wp.uint8(1)
 
     return occupy, travel

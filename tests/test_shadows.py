@@ -6,7 +6,7 @@ import warp as wp
 
 import wvr
 from wvr.kernels.scene import Variant, make_scene
-from wvr.kernels.travel import BORDER, RUN, Sweep, make_travel, run_of
+from wvr.kernels.travel import BORDER, ROWS, RUN, Sweep, make_travel, run_of
 from wvr.launch import get_device, launch_in_turn
 
 from .conftest import max_error
@@ -59,10 +59,11 @@ def sweep_of_light(n, q):
     inner[rows // 2, columns // 2] = 1.0
     state = wp.array(start.reshape(2, rows + 2 * border, -1, run), dtype=run_of(wp.float64), device=device)
     rest = wp.zeros((rows, columns // run), dtype=run_of(wp.float64), device=device)
+    touched = wp.ones((rows // int(ROWS) + 2, columns // run + 2), dtype=wp.uint8, device=device)
     scenes, sweeps = (wp.zeros(1, dtype=kind, device=device) for kind in (make_scene(variant), Sweep))
     none, stack = (wp.empty((0, 0, 0), dtype=kind, device=device) for kind in (wp.uint8, run_of(wp.float64)))
     steps = [(0, wp.float64(q), k % 2, -1) for k in range(n)]
-    launch_in_turn(step, rest.size, steps, [scenes, sweeps, none, state, rest, stack], device)
+    launch_in_turn(step, rest.size, steps, [scenes, sweeps, none, state, rest, touched, stack], device)
     return state.numpy()[n % 2].reshape(start.shape[1:])[border:-border, run:-run]
 
 
@@ -266,6 +267,42 @@ def test_streaming_reuses_what_it_can():
         images.append(renderer.render(camera, (16, 16)).rgba)
     assert renderer.builds["transfer"] == 1 and renderer.builds["ranges"] == 3 and renderer.builds["empty"] == 3
     assert np.abs(images[0] - images[2]).max() > 0.01
+
+
+@pytest.mark.parametrize("light", [DIRECTED, wvr.Headlight(), wvr.DirectionalLight((0.5, 0.4, -1.0))])
+def test_how_far_light_is_ahead_changes_nothing(blobs, light, monkeypatch):
+    """The eye may follow every 16 slabs, or once at the end."""
+    tf = wvr.TransferFunction([(60, "red", 0.0), (200, "white", 0.5)])
+    options = {"light": light, "slice_distance": 0.25, "image": "slices"}
+    images = []
+    for ahead in (1 << 30, 1):
+        monkeypatch.setattr("wvr.sweep.AHEAD", ahead)
+        images.append(shaded(blobs, tf, wvr.Camera.fit(blobs), (24, 24), **options))
+    assert images[0].stats["slices"] > 40
+    assert max_error(images[0], images[1].rgba) < 1e-12
+
+
+@pytest.mark.parametrize("image", ["rays", "slices"])
+def test_skipping_changes_nothing(image):
+    """Neither blocks without extinction, nor tiles that no shadow has reached."""
+    data = np.zeros((41, 41, 41), np.uint8)
+    data[:3, :3, :3] = data[-3:, -3:, -3:] = data[17:24, 15:23, 18:24] = 200
+    volume, tf = wvr.Volume(data), wvr.TransferFunction([(100, "green", 0.0), (220, "peru", 0.7)])
+    images = [
+        shaded(
+            volume,
+            tf,
+            wvr.Camera.fit(volume),
+            (24, 24),
+            render={"skip_empty": skip},
+            light=DIRECTED,
+            image=image,
+            spread=60,
+        )
+        for skip in (True, False)
+    ]
+    assert images[0].stats["shadow_samples"] < 0.5 * images[1].stats["shadow_samples"]
+    assert max_error(images[0], images[1].rgba) < 1e-12
 
 
 def test_nothing_to_see(blobs):

@@ -338,9 +338,13 @@ class Renderer:
                 scene.empty = self._empty(variant, shift, scene.transfer, device)
             low, high = self._seen_box(scene.empty.numpy() == 0, int(BLOCK))
             scene.view.low, scene.view.high = wp.vec3d(*low), wp.vec3d(*high)
-        light, slices, samples, count = sweep_lights(self.volume, camera, shadows, variant, scene, device)
+        choose, finish = make_finish(precision)
         share = shadows.image == "rays"
-        launch(make_finish(precision), width * height, [light, slices, share, rgba], device)
+        shown = wp.ones((height, width), dtype=wp.uint8, device=device)
+        if share:
+            launch(choose, width * height, [rgba, shown], device)
+        light, slices, samples, count = sweep_lights(self.volume, camera, shadows, variant, scene, shown, device)
+        launch(finish, width * height, [light, slices, share, rgba], device)
         wp.synchronize_device(device)
         stats = {
             "seconds_shadows": perf_counter() - start,

@@ -38,6 +38,7 @@ def sweep_lights(
     shadows: ConvolutionShadows,
     variant: Variant,
     scene: Any,
+    shown: wp.array,
     device: wp.Device,
 ) -> tuple[wp.array, wp.array, NDArray[np.int32], int]:
     """Run the sweeps of all lights.
@@ -46,6 +47,8 @@ def sweep_lights(
     ----------
     scene
         Of the ``variant``, whose rule is ``"midpoint"`` or ``"preintegrated"``; its view's box is what there is to see.
+    shown
+        (height, width) of uint8: the pixels that are asked for.
 
     Returns
     -------
@@ -68,7 +71,7 @@ def sweep_lights(
         sweep, shape, variance = place(volume, camera, shadows, light, scene.view)
         tile = int(TILE) ** 2
         for first, count, stack in travel(variant, scene, sweep, shape, variance, device):
-            inputs = [scene, sweep, first, count, stack, rgba, lit, samples]
+            inputs = [scene, sweep, first, count, stack, shown, rgba, lit, samples]
             launch(advance, tiles(width, height) * tile, inputs, device, grain=tile)
         launch(gather, width * height, [rgba, lit, wp.vec3d(*light.color), shadows.image == "rays", result], device)
         slices += sweep.slices
@@ -94,6 +97,7 @@ def travel(
     launch(occupy, occupied.size, [scene, sweep, occupied], device)
     state = wp.ones((2, rows + 2 * int(BORDER), runs + 2), dtype=run_of(real), device=device)
     rest = wp.empty((rows, runs), dtype=run_of(real), device=device)
+    touched = wp.zeros((occupied.shape[1] + 2, runs + 2), dtype=wp.uint8, device=device)
     chunk = min(max(AHEAD // (rows * columns * wp.types.type_size_in_bytes(real)), 16), sweep.slices)
     scenes = wp.array([scene], dtype=make_scene(variant), device=device)
     sweeps = wp.array([sweep], dtype=Sweep, device=device)
@@ -111,7 +115,7 @@ def travel(
                     slot = slab + 1 - first if part == parts - 1 else -1
                     steps.append((slab, real(q / parts), source, slot))
                     source = 1 - source
-            inputs = [scenes, sweeps, occupied, state, rest, stacked]
+            inputs = [scenes, sweeps, occupied, state, rest, touched, stacked]
             launch_in_turn(step, rows * runs, steps, inputs, device)
             yield first, count, stack
             wp.copy(stack[0], stack[count])
