@@ -167,7 +167,8 @@ class Method:
         return images[0], 1e3 * float(np.mean([image.stats["seconds"] for image in images]))
 
     def __str__(self) -> str:
-        return f"{self.name} {self.distance:g}" + (f", {self.subsamples} subsamples" if self.subsamples else "")
+        subsamples = f", {self.subsamples} subsample{'s' * (self.subsamples > 1)}" if self.subsamples else ""
+        return f"{self.name} {self.distance:g}{subsamples}"
 
 
 def aliasing(image: wvr.Image, fine: wvr.Image) -> float:

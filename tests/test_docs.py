@@ -39,6 +39,28 @@ def test_links_lead_somewhere(page):
         assert link.startswith("https://") or (page.parent / link).exists(), link
 
 
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e-?\d+)?")
+TABLES = [
+    pytest.param(page, source, table, id=f"{page.name}: {source}")
+    for page in PAGES
+    for source, table in re.findall(r"<!-- from (.*?) -->\n\n?((?:\|.*\n)+)", page.read_text(encoding="utf-8"))
+]
+
+
+@pytest.mark.parametrize(("page", "source", "table"), TABLES)
+def test_numbers_are_those_of_the_results(page, source, table):
+    """Each number of a table is one of the files that it says it is from, rounded; in per cent, thousands or millions."""
+    texts = [(page.parent / name).read_text(encoding="utf-8") for name in source.split()]
+    measured = [float(number) for text in texts for number in NUMBER.findall(text)]
+    for row in table.splitlines()[2:]:
+        for number in NUMBER.findall(row.split("|", 2)[2]):
+            digits, _, power = number.partition("e")
+            unit = 10.0 ** (int(power or 0) - len(digits.partition(".")[2]))
+            value = float(number)
+            near = (abs(value - scale * one) for one in measured for scale in (1, 100, 1e3, 1e-3, 1e-6))
+            assert min(near) <= 0.5001 * unit, f"{number} in {row}"
+
+
 def test_every_page_is_in_the_contents():
     contents = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     for page in PAGES[1:]:
