@@ -170,10 +170,11 @@ def panels(folder: Path, name: str, images: dict[str, tuple[wvr.Image, str]], zo
     seen = np.argwhere(next(iter(images.values()))[0].rgba[..., 3] > 0)
     low, high = seen.min(axis=0), seen.max(axis=0) + 1
     middle, half = (low + high) // 2, int((high - low).max() // (2 * zoom)) + 2
-    figure = Figure(figsize=(3.1 * len(images), 3.7), layout="constrained")
+    rows, columns = (slice(max(m - half, 0), m + half) for m in middle)
+    shape = next(iter(images.values()))[0].rgba[rows, columns].shape
+    figure = Figure(figsize=(3.1 * len(images), 3.1 * shape[0] / shape[1] + 0.55), layout="constrained")
     for axes, (title, (image, said)) in zip(np.ravel(figure.subplots(1, len(images))), images.items(), strict=True):
         pixels: NDArray = linear_to_srgb(np.clip(image.rgba[..., :3], 0, 1))
-        rows, columns = (slice(max(m - half, 0), m + half) for m in middle)
         axes.imshow(pixels[rows, columns], interpolation="nearest")
         axes.set_title(f"{title}\n{said}", fontsize="small")
         axes.axis("off")
