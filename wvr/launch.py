@@ -10,14 +10,12 @@ from __future__ import annotations
 import logging
 import os
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 log = logging.getLogger("wvr")
@@ -165,32 +163,6 @@ def launch_in_turn(kernel: wp.Kernel, items: int, steps: Sequence[tuple], inputs
         run()
         for done in others:
             done.result()
-
-
-@contextmanager
-def vast(shape: tuple[int, ...], dtype: Any, device: wp.Device) -> Iterator[wp.array]:
-    """A large array of numbers, not initialized.
-
-    On the CPU its memory is left to the next one: a process that touches 68 MB for the first time waits 30 to 90 ms.
-    """
-    if device.is_cuda:
-        yield wp.empty(shape, dtype=dtype, device=device)
-        return
-    number = wp.dtype_to_numpy(dtype)
-    size = int(np.prod(shape)) * np.dtype(number).itemsize
-    try:
-        memory = _spare.pop()
-    except IndexError:
-        memory = np.empty(0, np.uint8)
-    if memory.size < size:
-        memory = np.empty(size, np.uint8)
-    try:
-        yield wp.array(memory[:size].view(number).reshape(shape), dtype=dtype, device=device, copy=False)
-    finally:
-        _spare[:] = [memory]
-
-
-_spare: list[np.ndarray] = []
 
 
 @cache

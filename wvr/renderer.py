@@ -343,7 +343,9 @@ class Renderer:
         shown = wp.ones((height, width), dtype=wp.uint8, device=device)
         if share:
             launch(choose, width * height, [rgba, shown], device)
-        light, slices, samples, count = sweep_lights(self.volume, camera, shadows, variant, scene, shown, device)
+        light, slices, samples, count = sweep_lights(
+            self.volume, camera, shadows, variant, scene, shown, self._buffer, device
+        )
         launch(finish, width * height, [light, slices, share, rgba], device)
         wp.synchronize_device(device)
         stats = {
@@ -593,7 +595,7 @@ class Renderer:
         return low, high
 
     def _buffer(self, name: str, shape: tuple[int, ...], dtype: Any, device: wp.Device) -> wp.array:
-        """An array that is made once: volumes of one shape that follow each other write into the same."""
+        """An array that is made once: volumes, or frames, of one shape that follow each other write into the same."""
         key = (name, shape, dtype, device.alias)
         if key not in self._buffers:
             self._buffers = {k: v for k, v in self._buffers.items() if k[0] != name}

@@ -15,7 +15,7 @@ from .kernels.ray import TILE, tiles
 from .kernels.scene import Variant, make_scene
 from .kernels.slices import gather, make_advance
 from .kernels.travel import BORDER, ROWS, RUN, SLABS, Sweep, make_travel, run_of
-from .launch import launch, launch_in_turn, vast
+from .launch import launch, launch_in_turn
 from .lights import Headlight, Light
 from .shadows import ConvolutionShadows
 from .volume import Volume
@@ -39,6 +39,7 @@ def sweep_lights(
     variant: Variant,
     scene: Any,
     shown: wp.array,
+    buffer: Callable[..., wp.array],
     device: wp.Device,
 ) -> tuple[wp.array, wp.array, NDArray[np.int32], int]:
     """Run the sweeps of all lights.
@@ -49,6 +50,9 @@ def sweep_lights(
         Of the ``variant``, whose rule is ``"midpoint"`` or ``"preintegrated"``; its view's box is what there is to see.
     shown
         (height, width) of uint8: the pixels that are asked for.
+    buffer
+        ``buffer(name, shape, dtype, device)``: an array that frames leave to one another, since memory that a process
+        touches for the first time is slow: 68 MB take 30 to 90 ms.
 
     Returns
     -------
@@ -64,13 +68,15 @@ def sweep_lights(
     advance = make_advance(variant)
     result = wp.zeros((height, width), dtype=wp.vec3d, device=device)
     samples = wp.zeros((height, width), dtype=int, device=device)
+    rgba = buffer("composite", (height, width), wp.vec4d, device)
+    lit = buffer("lit", (height, width), wp.vec3d, device)
     slices = 0
     for light in shadows.lights:
-        rgba = wp.zeros((height, width), dtype=wp.vec4d, device=device)
-        lit = wp.zeros((height, width), dtype=wp.vec3d, device=device)
+        rgba.zero_()
+        lit.zero_()
         sweep, shape, variance = place(volume, camera, shadows, light, scene.view)
         tile = int(TILE) ** 2
-        for first, count, stack in travel(variant, scene, sweep, shape, variance, device):
+        for first, count, stack in travel(variant, scene, sweep, shape, variance, buffer, device):
             inputs = [scene, sweep, first, count, stack, shown, rgba, lit, samples]
             launch(advance, tiles(width, height) * tile, inputs, device, grain=tile)
         launch(gather, width * height, [rgba, lit, wp.vec3d(*light.color), shadows.image == "rays", result], device)
@@ -84,6 +90,7 @@ def travel(
     sweep: Any,
     shape: tuple[int, int],
     variance: Callable[[int], float],
+    buffer: Callable[..., wp.array],
     device: wp.Device,
 ) -> Iterator[tuple[int, int, wp.array]]:
     """Let light travel: yields the first slab, the number of slabs, and the light of the slices around them, which
@@ -98,27 +105,29 @@ def travel(
     state = wp.ones((2, rows + 2 * int(BORDER), runs + 2), dtype=run_of(real), device=device)
     rest = wp.empty((rows, runs), dtype=run_of(real), device=device)
     touched = wp.zeros((occupied.shape[1] + 2, runs + 2), dtype=wp.uint8, device=device)
-    chunk = min(max(AHEAD // (rows * columns * wp.types.type_size_in_bytes(real)), 16), sweep.slices)
+    # Of one size whatever the view, so that the next frame can have it: what is not used takes no memory.
+    whole = buffer("light", (max(AHEAD // wp.types.type_size_in_bytes(real), 17 * rows * columns),), real, device)
+    chunk = min(whole.size // (rows * columns) - 1, sweep.slices)
+    stack = wp.array(ptr=whole.ptr, dtype=real, shape=(chunk + 1, rows, columns), device=device)
+    stacked = wp.array(ptr=whole.ptr, dtype=run_of(real), shape=(chunk + 1, rows, runs), device=device)
     scenes = wp.array([scene], dtype=make_scene(variant), device=device)
     sweeps = wp.array([sweep], dtype=Sweep, device=device)
-    with vast((chunk + 1, rows, columns), real, device) as stack:
-        stacked = wp.array(ptr=stack.ptr, dtype=run_of(real), shape=(chunk + 1, rows, runs), device=device)
-        source = 0
-        for first in range(0, sweep.slices, chunk):
-            count = min(chunk, sweep.slices - first)
-            steps: list[tuple] = []
-            # The light in front of all slabs is attenuated by the first of them.
-            for slab in range(first - (first == 0), first + count):
-                q = variance(slab) if slab >= 0 else 0.0
-                parts = min(int(np.ceil(q / LARGEST_STEP)) or 1, MOST_STEPS)
-                for part in range(parts):
-                    slot = slab + 1 - first if part == parts - 1 else -1
-                    steps.append((slab, real(q / parts), source, slot))
-                    source = 1 - source
-            inputs = [scenes, sweeps, occupied, state, rest, touched, stacked]
-            launch_in_turn(step, rows * runs, steps, inputs, device)
-            yield first, count, stack
-            wp.copy(stack[0], stack[count])
+    source = 0
+    for first in range(0, sweep.slices, chunk):
+        count = min(chunk, sweep.slices - first)
+        steps: list[tuple] = []
+        # The light in front of all slabs is attenuated by the first of them.
+        for slab in range(first - (first == 0), first + count):
+            q = variance(slab) if slab >= 0 else 0.0
+            parts = min(int(np.ceil(q / LARGEST_STEP)) or 1, MOST_STEPS)
+            for part in range(parts):
+                slot = slab + 1 - first if part == parts - 1 else -1
+                steps.append((slab, real(q / parts), source, slot))
+                source = 1 - source
+        inputs = [scenes, sweeps, occupied, state, rest, touched, stacked]
+        launch_in_turn(step, rows * runs, steps, inputs, device)
+        yield first, count, stack
+        wp.copy(stack[0], stack[count])
 
 
 def axis_of(camera: Camera, light: Light, mode: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
