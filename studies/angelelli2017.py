@@ -33,7 +33,7 @@ from benchmarks.harness import COLORS, save_figure
 from . import scenes
 from .common import spread, write_rows
 from .lighting import panels
-from .scenes import DATA, picture
+from .scenes import picture
 from .study import Study
 
 STUDY = Study("angelelli2017")
@@ -46,38 +46,33 @@ DISTANCES = (0.25, 0.33, 0.5, 0.67, 1.0, 1.3, 1.5, 2.0, 3.0, 4.0)
 SUBSAMPLES = (1, 2, 3, 4, 5)
 FINE = 0.125
 
-# (volume, stand-in, control points, direction towards the camera, up), in the order of the paper's Figure 5.
-SCENES: dict[str, tuple[str | None, str, list, tuple, tuple]] = {
+# (volume, control points, direction towards the camera, up), in the order of the paper's Figure 5.
+SCENES: dict[str, tuple[str, list, tuple, tuple]] = {
     "bonsai": (
         "bonsai",
-        "tree",
         [(38, (0.1, 0.35, 0.05), 0.0), (50, (0.25, 0.6, 0.1), 0.5), (95, (0.5, 0.4, 0.15), 0.7), (140, "peru", 0.9)],
         (0.3, 0.3, 1),
         (0, 1, 0),
     ),
     "head, skin": (
         "cthead",
-        "shepp_logan",
         [(350, "peachpuff", 0.0), (700, "peachpuff", 0.6), (1300, "ivory", 0.9)],
         (-0.6, -1, -0.15),
         (0, 0, -1),
     ),
     "head, bone": (
         "cthead",
-        "shepp_logan",
         [(800, "salmon", 0.0), (1050, "salmon", 0.03), (1200, "ivory", 0.05), (1350, "ivory", 0.8)],
         (-0.6, -1, -0.15),
         (0, 0, -1),
     ),
     "abdomen": (
         "stent",
-        "gyroid",
         [(180, "firebrick", 0.0), (260, "firebrick", 0.25), (420, "ivory", 0.5), (800, "white", 0.9)],
         (0.25, 1, 0.1),
         (0, 0, 1),
     ),
     "ultrasound": (
-        None,
         "heart",
         [(62, "darkred", 0.0), (75, "salmon", 0.3), (160, "mistyrose", 0.5)],
         (0.25, -1, 0.35),
@@ -107,19 +102,15 @@ class Scene:
 
 def make_scene(name: str, quick: bool, size: int | None = None) -> Scene:
     """A scene of the paper or its stand-in; ``quick``: a small stand-in."""
-    stem, generated, points, direction, up = SCENES[name]
-    path = DATA / f"{stem}.nrrd"
-    if stem is not None and path.exists() and not quick:
-        volume = wvr.read(path)
+    source, points, direction, up = SCENES[name]
+    if source == "heart":
+        data = wvr.datasets.load("heart", 32 if quick else 192).numpy()
+        # Cropped as a sonographer does, to look into the ventricles.
+        volume = wvr.Volume(np.ascontiguousarray(data[:, data.shape[1] // 2 :]))
     else:
-        data = wvr.datasets.load(generated, 32 if quick else 192).numpy()
-        if stem is None:
-            # Cropped as a sonographer does, to look into the ventricles.
-            data = np.ascontiguousarray(data[:, data.shape[1] // 2 :])
-        else:
-            low, high = data.min(), data.max()
-            data = ((data - low) * ((points[-1][0] * 1.1) / (high - low))).astype(np.float32)
-        volume = wvr.Volume(data)
+        volume = scenes.load(source, quick)
+        if quick or not scenes.is_there(source):
+            points = scenes.stretched(points, (0, 1.1 * points[-1][0]), volume)
     return Scene(name, volume, wvr.TransferFunction(points), direction, up, 32 if quick else size or SIZE)
 
 
@@ -634,14 +625,14 @@ def cost(folder: Path, quick: bool) -> str:
 def streaming(folder: Path, quick: bool) -> str:
     """A beating heart: what a frame costs, and what is built for it."""
     size, n, frames = (32, 32, 3) if quick else (SIZE, 128, 20)
-    tf = wvr.TransferFunction(SCENES["ultrasound"][2])
+    tf = wvr.TransferFunction(SCENES["ultrasound"][1])
     renderer = None
     rows, images = [], {}
     for frame in range(frames):
         data = wvr.datasets.load("heart", n, phase=frame / frames).numpy()
         volume = wvr.Volume(np.ascontiguousarray(data[:, n // 2 :]))
         if renderer is None:
-            scene = Scene("ultrasound", volume, tf, *SCENES["ultrasound"][3:], size)
+            scene = Scene("ultrasound", volume, tf, *SCENES["ultrasound"][2:], size)
             shadows = wvr.ConvolutionShadows(light=key_light(scene.camera()))
             renderer = wvr.Renderer(volume, tf, integrator=wvr.Preintegrated(1.0), shadows=shadows)
         renderer.volume = volume

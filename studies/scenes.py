@@ -38,6 +38,7 @@ SCANS = {
     "cthead": Source("spheres", (0.4, -1, -0.2), (0, 0, -1)),
     "engine": Source("blobs", (0.8, -0.7, -0.6), (0, 0, -1)),
     "neghip": Source("blobs", (0.5, 0.3, 1), (0, 1, 0)),
+    "stent": Source("gyroid", (0.25, 1, 0.1), (0, 0, 1)),
     "teapot": Source("spheres", (0.25, -0.45, -1), (0, -1, 0)),
 }
 GENERATED: dict[str, tuple[Direction, Direction]] = {
