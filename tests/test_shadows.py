@@ -304,6 +304,17 @@ def test_skipping_changes_nothing(image):
     assert max_error(images[0], images[1].rgba) < 1e-12
 
 
+def test_memory_for_light_is_asked_for(blobs, smooth_tf, monkeypatch):
+    monkeypatch.setattr("wvr.renderer._free_host_memory", lambda: 100e6)
+    renderer = wvr.Renderer(blobs, smooth_tf)
+    without = renderer.render(wvr.Camera.fit(blobs), (8, 8)).stats["bytes"]
+    renderer.shadows = wvr.ConvolutionShadows()
+    with pytest.raises(MemoryError, match=r"need 0\.1 GiB on cpu, which has 0\.1 GiB free"):
+        renderer.render(wvr.Camera.fit(blobs), (8, 8))
+    monkeypatch.undo()
+    assert renderer.render(wvr.Camera.fit(blobs), (8, 8)).stats["bytes"] > without + 1e8
+
+
 def test_nothing_to_see(blobs):
     tf = wvr.TransferFunction([(0, "red", 0.0), (255, "white", 0.0)])
     for image in ("rays", "slices"):

@@ -45,7 +45,7 @@ from .lights import Headlight
 from .segmentation import Segmentation
 from .shadows import ConvolutionShadows
 from .simplify import Simplified, simplify
-from .sweep import sweep_lights
+from .sweep import AHEAD, sweep_lights
 from .tables import (
     lit_tables,
     nodes_array,
@@ -169,7 +169,7 @@ class Renderer:
         real = REALS[precision]
         clips, labels = clip_list(self.clip), self.segmentation
         variant = self._variant(precision, rule)
-        _check_memory(self.volume, clips, labels, width, height, device)
+        _check_memory(self.volume, clips, labels, self.shadows, width, height, device)
 
         scene = make_scene(variant)()
         shift = self._shift()
@@ -229,6 +229,7 @@ class Renderer:
         if self.shadows is not None:
             stats |= self._shade(self.shadows, camera, rgba, precision, shown, device)[0]
             stats["seconds"] += stats["seconds_shadows"]
+            stats["bytes"] += AHEAD
         tracer = None
         if isinstance(self.integrator, AdaptiveSimpson):
             whole = "a ray" if self.integrator.scope == "ray" else f"a step of {self.integrator.h0:g} voxel spacings"
@@ -280,14 +281,14 @@ class Renderer:
         self, shadows: ConvolutionShadows, camera: Camera, width: int, height: int, precision: str, device: wp.Device
     ) -> Image:
         """A frame composed of the slices of the shadows."""
-        _check_memory(self.volume, clip_list(self.clip), self.segmentation, width, height, device)
+        _check_memory(self.volume, clip_list(self.clip), self.segmentation, shadows, width, height, device)
         rgba = wp.empty((height, width), dtype=vec4_of(REALS[precision]), device=device)
         stats, samples = self._shade(shadows, camera, rgba, precision, precision, device)
         stats |= {
             "seconds": stats["seconds_shadows"],
             "rays": width * height,
             "samples": int(samples.sum(dtype=np.int64)),
-            "bytes": self.volume.numpy().nbytes + rgba.capacity + samples.nbytes,
+            "bytes": self.volume.numpy().nbytes + rgba.capacity + samples.nbytes + AHEAD,
             "device": device.name,
             "precision": precision,
             "integrator": repr(shadows),
@@ -905,12 +906,20 @@ def _table_shape(volume: Volume, table_size: int | None) -> tuple[int, tuple[flo
 
 
 def _check_memory(
-    volume: Volume, clips: list[Clip], labels: Segmentation | None, width: int, height: int, device: wp.Device
+    volume: Volume,
+    clips: list[Clip],
+    labels: Segmentation | None,
+    shadows: ConvolutionShadows | None,
+    width: int,
+    height: int,
+    device: wp.Device,
 ) -> None:
     volumes = {volume, *(clip.volume for clip in clips if isinstance(clip, ClipVolume))}
     needed = sum(one.numpy().nbytes for one in volumes) * (not device.is_cpu) + width * height * 64
     if labels is not None:
         needed += labels.labels.numpy().nbytes
+    if shadows is not None:
+        needed += AHEAD + width * height * 64
     free = device.free_memory if device.is_cuda else _free_host_memory()
     if needed > free:
         raise MemoryError(
