@@ -1,5 +1,6 @@
 """Threads and devices: settings, what is refused, and that strips cover all items once."""
 
+import itertools
 import subprocess
 import sys
 
@@ -9,6 +10,8 @@ import warp as wp
 
 import wvr
 from wvr.launch import get_device, launch, launch_in_turn
+
+CPU = get_device("cpu")
 
 
 @wp.kernel(enable_backward=False)
@@ -62,6 +65,24 @@ def test_errors_of_a_step_surface(threads):
     state = wp.zeros((2, 100), dtype=float, device="cpu")
     with pytest.raises(Exception, match=r"factor|convert|float"):
         launch_in_turn(neighbours, 100, [(1.0, 0), ("wide", 1), (1.0, 0)], [state], get_device("cpu"))
+
+
+def test_an_error_in_one_thread_is_that_of_all(threads, monkeypatch):
+    """Whichever it is in, and not that others waited for it in vain."""
+    threads(3)
+    launch_once = wp.Launch.launch
+    calls = itertools.count()
+
+    def fails(command, *args):
+        if next(calls) == 7:
+            raise OSError("no more")
+        launch_once(command, *args)
+
+    monkeypatch.setattr(wp.Launch, "launch", fails)
+    for _ in range(20):
+        calls = itertools.count()
+        with pytest.raises(OSError, match="no more"):
+            launch_in_turn(neighbours, 100, [(1.0, k % 2) for k in range(9)], [wp.zeros((2, 100), device="cpu")], CPU)
 
 
 @pytest.mark.parametrize("n", [0, -1, 1.5, "many", None, True, float("nan")])

@@ -123,6 +123,7 @@ def test_table_size_and_generator(scene):
         ({"termination": -0.1}, ValueError, "termination"),
         ({"termination": float("nan")}, ValueError, "termination"),
         ({"background": "reddish"}, ValueError, "background must be a colour name.*got 'reddish'"),
+        ({"skip_empty": "no"}, TypeError, "skip_empty must be True or False, got 'no'"),
         ({"size": (10**6, 10**6)}, MemoryError, r"need .* GiB on cpu, which has .* GiB free"),
     ],
     ids=str,

@@ -154,6 +154,8 @@ def launch_in_turn(kernel: wp.Kernel, items: int, steps: Sequence[tuple], inputs
                     command.set_dim(min(strip, items - part * strip))
                     command.set_param_at_index(0, part * strip)
                 command.launch()
+        except threading.BrokenBarrierError:
+            return  # the thread that broke it says why
         except BaseException:
             barrier.abort()
             raise

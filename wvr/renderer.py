@@ -387,6 +387,8 @@ class Renderer:
             )
         self._check_clips()
         choice(self.precision, "precision", ("auto", *REALS))
+        if not isinstance(self.skip_empty, bool | np.bool_):
+            raise TypeError(f"skip_empty must be True or False, got {self.skip_empty!r}")
         if self.termination is not None and not 0 <= self.termination < 1:
             raise ValueError(f"termination must be in [0, 1), got {self.termination!r}")
         if self.background is not None:
