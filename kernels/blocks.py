@@ -104,7 +104,7 @@ for (int z = 0; z < 5; ++z) {
         const auto* row = data.data + (k * ny + j) * nx;
         double s[5];
         for (int x = 0; x < 5; ++x)
-            s[x] = double(row[bi * 4 + x < nx ? bi * 4 + x : nx - 1]);
+            s[x] = double(row[bi * 4 + x < nx ? bi * 4 + x : nx - 1]) - shift;
         for (int x = 0; x < 4; ++x) {
             low[z][y][x] = s[x] < s[x + 1] ? s[x] : s[x + 1];
             high[z][y][x] = s[x] > s[x + 1] ? s[x] : s[x + 1];
@@ -137,36 +137,42 @@ def make_mask_of(dtype):
 
     @wp.func_native(MASK)
     def mask_of(
-        data: wp.array3d(dtype=dtype), bk: int, bj: int, bi: int, first: wp.float64, last: wp.float64
+        data: wp.array3d(dtype=dtype),
+        shift: wp.float64,
+        bk: int,
+        bj: int,
+        bi: int,
+        first: wp.float64,
+        last: wp.float64,
     ) -> wp.uint64: ...
 
     return mask_of
 
 
 @cache
-def make_visible(real):
-    """``visible(tf, low, high, shift)`` -> (first, last): of samples from low to high, those up to first have no
-    extinction, nor have those from last on.
+def make_visible():
+    """``visible(tf, low, high)`` -> (first, last): of scalars from low to high, those up to first have no extinction,
+    nor have those from last on.
     """
-    Transfer, interval, _ = make_transfer(real)
+    Transfer, interval, _ = make_transfer(wp.float64)
 
     @wp.func
-    def visible(tf: Transfer, low: real, high: real, shift: real):
-        first = -real(wp.inf)
-        last = real(wp.inf)
-        begin = interval(tf, low - shift)
-        end = interval(tf, high - shift)
+    def visible(tf: Transfer, low: wp.float64, high: wp.float64):
+        first = -wp.float64(wp.inf)
+        last = wp.float64(wp.inf)
+        begin = interval(tf, low)
+        end = interval(tf, high)
         k = tf.visible[begin]
         if k > begin:
-            first = tf.knot[k] + shift
-            if tf.value[k][3] > real(0.0):
-                # A jump, whose upper value holds at the knot itself.
-                first -= real(1.0e-9) * (high - low)
+            first = tf.knot[k]
+            if tf.knot[wp.min(k + 1, tf.knot.shape[0] - 1)] == first:
+                # A jump, whose upper value holds at the knot itself: all that is less has none.
+                first -= wp.float64(wp.static(2.0**-52)) * wp.abs(first) + wp.float64(wp.static(2.0**-1022))
         k = end
         while k > begin and tf.visible[k] != k:
             k -= 1
         if k < end:
-            last = tf.knot[k + 1] + shift
+            last = tf.knot[k + 1]
         return first, last
 
     return visible
@@ -176,7 +182,7 @@ def make_visible(real):
 def make_masks(dtype):
     """Kernel ``(base, data, ranges, shift, tf, kinds, masks)`` over blocks: which cells may see extinction."""
     Transfer, _, _ = make_transfer(wp.float64)
-    visible = make_visible(wp.float64)
+    visible = make_visible()
     mask_of = make_mask_of(dtype)
     pair = wp.types.vector(2, dtype)
 
@@ -197,8 +203,8 @@ def make_masks(dtype):
             mask = ~mask
         elif kind == SEVERAL:
             span = ranges[bk, bj, bi]
-            first, last = visible(tf, wp.float64(span[0]), wp.float64(span[1]), shift)
-            mask = mask_of(data, bk, bj, bi, first, last)
+            first, last = visible(tf, wp.float64(span[0]) - shift, wp.float64(span[1]) - shift)
+            mask = mask_of(data, shift, bk, bj, bi, first, last)
         result[bk, bj, bi] = mask
 
     return masks

@@ -87,18 +87,22 @@ def moved(c: wp.vec4d, t: wp.float64):
 @wp.func
 def turns(c: wp.vec4d, end: wp.float64):
     """Where the cubic turns inside (0, end), in order; ``end`` in place of those that are not there."""
-    # Roots of c1 + 2 c2 t + 3 c3 t^2, without cancellation.
+    # Roots of c1 + 2 c2 t + 3 c3 t^2, without cancellation, nor under- or overflow of squares.
     first = end
     second = end
-    a = wp.float64(3.0) * c[3]
-    discriminant = c[2] * c[2] - a * c[1]
-    if discriminant > wp.float64(0.0):
-        q = -(c[2] + wp.where(c[2] < wp.float64(0.0), -wp.sqrt(discriminant), wp.sqrt(discriminant)))
-        # Compared without dividing: there may be no quadratic or linear term to divide by.
-        if wp.abs(c[1]) < wp.abs(q) * end and c[1] * q > wp.float64(0.0):
-            first = c[1] / q
-        if wp.abs(q) < wp.abs(a) * end and q * a > wp.float64(0.0):
-            second = q / a
+    size = wp.max(wp.abs(c[1]), wp.max(wp.abs(c[2]), wp.abs(c[3])))
+    if size > wp.float64(0.0):
+        a = wp.float64(3.0) * c[3] / size
+        b = c[2] / size
+        l = c[1] / size
+        discriminant = b * b - a * l
+        if discriminant > wp.float64(0.0):
+            q = -(b + wp.where(b < wp.float64(0.0), -wp.sqrt(discriminant), wp.sqrt(discriminant)))
+            # Compared without dividing: there may be no quadratic or linear term to divide by.
+            if wp.abs(l) < wp.abs(q) * end and l * q > wp.float64(0.0):
+                first = l / q
+            if wp.abs(q) < wp.abs(a) * end and q * a > wp.float64(0.0):
+                second = q / a
     return wp.min(first, second), wp.max(first, second)
 
 

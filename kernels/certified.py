@@ -18,7 +18,8 @@ import numpy as np
 import warp as wp
 
 from .blocks import BITS, EMPTY
-from .exact import make_pieces
+from .exact import make_jumps, make_pieces
+from .ray import FAR
 from .scene import make_scene
 from .segment import over
 from .series import make_series
@@ -27,9 +28,6 @@ from .transfer import make_transfer
 
 # Cells that are integrated at a time.
 PACKET = 4
-# A face so close to the end of the ray is the end.
-CLOSE = 1e-9
-FAR = 1e300
 # Points that a piece is lit in, by what it adds to the pixel over the tolerance: (up to, Gauss-Legendre points).
 # One that adds more, or is deeper, is integrated as ``Exact`` does.
 POINTS = ((1.0, 1), (32.0, 2), (1000.0, 3), (32000.0, 4))
@@ -69,6 +67,7 @@ def make_certified(variant):
     Scene = make_scene(variant)
     _, interval, _ = make_transfer(real)
     piece, cut = make_pieces(variant)
+    absolute, steepest, jump, fuzzy = make_jumps(variant)
     lighted = variant.lit != ""
     eye_of, gradient, light, lit, _ = make_shading(variant)
     rules = [np.polynomial.legendre.leggauss(n) for _, n in POINTS]
@@ -97,17 +96,6 @@ def make_certified(variant):
         return wp.vec4d(
             m0 - m1 + m2 - m3, h * (m1 - real(2.0) * m2 + real(3.0) * m3), h * h * (m2 - real(3.0) * m3), h * h * h * m3
         )
-
-    @wp.func
-    def absolute(v: wp.vec4d):
-        return wp.vec4d(wp.abs(v[0]), wp.abs(v[1]), wp.abs(v[2]), wp.abs(v[3]))
-
-    @wp.func
-    def steepest(slope: wp.vec4d):
-        """Of the three colours. Comparisons, since Warp's max also looks for NaN."""
-        size = absolute(slope)
-        most = wp.where(size[0] > size[1], size[0], size[1])
-        return wp.where(size[2] > most, size[2], most)
 
     @wp.func
     def shone(
@@ -191,6 +179,7 @@ def make_certified(variant):
             good = error <= scene.steps.tolerance * A
             if not good:
                 error = real(0.0)
+            error += scene.steps.blur * (scene.steps.brightest * wp.abs(slope[3]) * L + steepest(slope) * A)
             if wp.static(lighted):
                 segment = shone(scene, middle, d, eye, m0, m1, m2, m3, L, k, A, T)
             elif good:
@@ -224,7 +213,11 @@ def make_certified(variant):
         last = scene.transfer.knot.shape[0] - 1
         k = interval(scene.transfer, value)
         rises = m1 > real(0.0)
-        close = real(1.0e-5) * wp.abs(m1)
+        # The root of a step so small is as exact as numbers are: a step squares the error.
+        close = real(1.0e-8) * wp.abs(m1)
+        # Length that is on the wrong side of a crossing nevertheless: the slope is at least m1 / 2.
+        unsure = wp.min(L, L * (real(4.0e-16) + scene.steps.blur / wp.abs(m1)))
+        error += unsure * fuzzy(scene, value)
         while start < real(1.0):
             stop = real(1.0)
             crosses = k < last
@@ -244,11 +237,11 @@ def make_certified(variant):
                 for _ in range(20):
                     off = m0 - knot + stop * (m1 + stop * (m2 + stop * m3))
                     stop -= off / (m1 + stop * (real(2.0) * m2 + stop * real(3.0) * m3))
-                    # The step that was taken has squared it.
                     if wp.abs(off) <= close:
                         break
                 stop = wp.clamp(stop, start, real(1.0))
                 value = knot
+            error += (real(1.0) - segment[3]) * unsure * jump(scene, k)
             if stop > start and scene.transfer.visible[k] == k:
                 c = real(0.5) * (start + stop)
                 w = real(0.5) * (stop - start)
@@ -274,12 +267,28 @@ def make_certified(variant):
                 k += wp.where(rises, 1, -1)
             else:
                 start = real(1.0)
+        error += (real(1.0) - segment[3]) * unsure * fuzzy(scene, final)
         return segment, error, count
 
     @wp.func
     def reached(face: int, origin: real, inverse: real):
         """Where the ray is at a face across an axis; never, where it does not move along the axis or there is none."""
         return wp.where(inverse != real(0.0), (real(face) - origin) * inverse, real(FAR))
+
+    @wp.func
+    def outside(last: wp.vec3i, i: int, j: int, k: int):
+        """Whether a cell is beyond the grid: whether any of these is negative."""
+        return (i | j | k | (last[0] - i) | (last[1] - j) | (last[2] - k)) < 0
+
+    @wp.func
+    def landed(i: int, edge: int, passed: bool, way: real, place: real):
+        """Index behind a leap from i along an axis: beyond the face ``edge`` if that was passed, else before it."""
+        there = int(place)
+        if way > real(0.0):
+            return wp.where(passed, edge, wp.max(wp.min(there, edge - 1), i))
+        if way < real(0.0):
+            return wp.where(passed, edge - 1, wp.min(wp.max(there, edge), i))
+        return i
 
     @wp.func
     def march(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, length: real):
@@ -291,13 +300,11 @@ def make_certified(variant):
         shift = zero
         if wp.static(variant.dtype in (wp.float16, wp.float32, wp.float64)):
             shift = scene.field.shift
-        # Between the faces of an axis that there are faces to cross along.
-        gap = wp.vec3d()
+        # 0 along an axis without faces to cross.
         inverse = wp.vec3d()
         for axis in range(3):
             if d[axis] != zero and last[axis] > 0:
                 inverse[axis] = real(1.0) / d[axis]
-                gap[axis] = wp.abs(inverse[axis])
         sx = wp.where(d[0] > zero, 1, -1)
         sy = wp.where(d[1] > zero, 1, -1)
         sz = wp.where(d[2] > zero, 1, -1)
@@ -308,7 +315,6 @@ def make_certified(variant):
         ny = reached(j + wp.max(sy, 0), origin[1], inverse[1])
         nz = reached(k + wp.max(sz, 0), origin[2], inverse[2])
         t = zero
-        final = length - real(CLOSE)
         clear = real(1.0) - scene.steps.opaque
         eye = wp.vec3d()
         if wp.static(lighted):
@@ -340,14 +346,11 @@ def make_certified(variant):
                     end = wp.where(lx < ly, lx, ly)
                     end = wp.where(lz < end, lz, end)
                     t = wp.where(end > t, end, t)
-                    if t > final:
+                    i = landed(i, ex, lx <= t, inverse[0], origin[0] + t * d[0])
+                    j = landed(j, ey, ly <= t, inverse[1], origin[1] + t * d[1])
+                    k = landed(k, ez, lz <= t, inverse[2], origin[2] + t * d[2])
+                    if outside(last, i, j, k):
                         t = length
-                    i = wp.where(lx <= t, wp.where(d[0] > zero, ex, ex - 1), int(origin[0] + t * d[0]))
-                    j = wp.where(ly <= t, wp.where(d[1] > zero, ey, ey - 1), int(origin[1] + t * d[1]))
-                    k = wp.where(lz <= t, wp.where(d[2] > zero, ez, ez - 1), int(origin[2] + t * d[2]))
-                    i = wp.max(wp.min(i, last[0]), 0)
-                    j = wp.max(wp.min(j, last[1]), 0)
-                    k = wp.max(wp.min(k, last[2]), 0)
                     nx = reached(i + wp.max(sx, 0), origin[0], inverse[0])
                     ny = reached(j + wp.max(sy, 0), origin[1], inverse[1])
                     nz = reached(k + wp.max(sz, 0), origin[2], inverse[2])
@@ -355,7 +358,7 @@ def make_certified(variant):
                 # The nearest face; comparisons, since Warp's min also looks for NaN.
                 stop = wp.where(nx < ny, nx, ny)
                 stop = wp.where(nz < stop, nz, stop)
-                stop = wp.where(stop > final, length, stop)
+                stop = wp.where(stop > length, length, stop)
                 bit = wp.uint64((k & 3) << 4 | (j & 3) << 2 | i & 3)
                 if (mask >> bit) & wp.uint64(1) != wp.uint64(0):
                     cell[0, n] = i
@@ -371,9 +374,12 @@ def make_certified(variant):
                 i += wp.where(hit_x, sx, 0)
                 j += wp.where(hit_y, sy, 0)
                 k += wp.where(hit_z, sz, 0)
-                nx += wp.where(hit_x, gap[0], zero)
-                ny += wp.where(hit_y, gap[1], zero)
-                nz += wp.where(hit_z, gap[2], zero)
+                if outside(last, i, j, k):
+                    t = length
+                # From the index, not by adding: rounding must not pile up.
+                nx = reached(i + wp.max(sx, 0), origin[0], inverse[0])
+                ny = reached(j + wp.max(sy, 0), origin[1], inverse[1])
+                nz = reached(k + wp.max(sz, 0), origin[2], inverse[2])
             # All of them at a time; what is beyond the last of the ray's has no length.
             m0 = lanes()
             m1 = lanes()
@@ -406,8 +412,10 @@ def make_certified(variant):
                     ]
                 )
                 if q < 0:
-                    low = mean[l] - R[l]
-                    high = mean[l] + R[l]
+                    # A scalar that is constant is exact.
+                    wide = wp.where(R[l] > zero, R[l] + scene.steps.blur, zero)
+                    low = mean[l] - wide
+                    high = mean[l] + wide
                     q = interval(scene.transfer, low)
                     if q < outer:
                         single[l] = high <= scene.transfer.knot[wp.max(q + 1, 0)]
@@ -420,7 +428,7 @@ def make_certified(variant):
                         middle = scene.transfer.value[wp.max(q, 0)][3] + rate * (
                             mean[l] - scene.transfer.knot[wp.max(q, 0)]
                         )
-                        single[l] = middle >= wp.abs(rate) * R[l]
+                        single[l] = middle >= wp.abs(rate) * wide
                         if q > 0:
                             over = scene.transfer.knot[wp.max(q, 0)] - low
                             if over > zero:
@@ -455,10 +463,11 @@ def make_certified(variant):
             risk = wp.cw_mul(risk, steep)
             simple = bool(True)
             for l in range(PACKET):
+                blurred = scene.steps.blur * (scene.steps.brightest * wp.abs(dtau[l]) * L[l] + steep[l] * A[l])
                 bent = scene.steps.brightest * fade[l] * L[l] + tint[l] * A[l]
                 most = scene.steps.tolerance * A[l] + real(1.0e-300)
                 single[l] = single[l] and risk[l] <= most and bent <= most
-                risk[l] += bent
+                risk[l] += bent + blurred
                 if not wp.static(finite):
                     single[l] = single[l] and wp.isfinite(R[l])
                 simple = simple and single[l]
@@ -502,7 +511,7 @@ def make_certified(variant):
                                 )
                             else:
                                 s = from_start(m0[l], m1[l], m2[l], m3[l], L[l])
-                                segment, pieces = cut(scene, origin + start[l] * d, d, eye, s, L[l])
+                                segment, error, pieces = cut(scene, origin + start[l] * d, d, eye, s, L[l])
                         count += pieces
                     bound += T * error
                     red += T * segment[0]
@@ -515,8 +524,7 @@ def make_certified(variant):
         if t < length or (wp.static(variant.cut) and T < clear):
             # What is behind is not visited; nor is, of a ray that is cut, what is behind this stretch.
             bound += T * scene.steps.brightest
-        if total > zero:
-            bound += total * scene.steps.tinted + scene.steps.veiled
+        bound += total * scene.steps.tinted + scene.steps.veiled
         return wp.vec4d(red, green, blue, total), count, bound
 
     return march

@@ -28,11 +28,59 @@ DEPTHS = ((1e-4, 0), (0.01, 1), (2.0, 2), (4.0, 3))
 
 
 @cache
+def make_jumps(variant):
+    """``absolute(v)`` and ``steepest(slope)``, of the three colours; and what a jump of the transfer function does where
+    rounding puts the scalar on its wrong side, a unit of length: ``jump(scene, k)`` of interval k, if that is one, and
+    ``fuzzy(scene, s)`` of those within ``steps.blur`` of s.
+    """
+    real = wp.float64
+    Scene = make_scene(variant)
+    _, interval, _ = make_transfer(real)
+
+    @wp.func
+    def absolute(v: wp.vec4d):
+        return wp.vec4d(wp.abs(v[0]), wp.abs(v[1]), wp.abs(v[2]), wp.abs(v[3]))
+
+    @wp.func
+    def steepest(slope: wp.vec4d):
+        # Comparisons, since Warp's max also looks for NaN.
+        size = absolute(slope)
+        most = wp.where(size[0] > size[1], size[0], size[1])
+        return wp.where(size[2] > most, size[2], most)
+
+    @wp.func
+    def jump(scene: Scene, k: int):
+        size = real(0.0)
+        if k > 0 and k < scene.transfer.knot.shape[0] - 1:
+            if scene.transfer.knot[k + 1] == scene.transfer.knot[k]:
+                low = scene.transfer.value[k]
+                high = scene.transfer.value[k + 1]
+                most = wp.where(high[3] > low[3], high[3], low[3])
+                size = scene.steps.brightest * wp.abs(high[3] - low[3]) + steepest(high - low) * most
+        return size
+
+    @wp.func
+    def fuzzy(scene: Scene, s: real):
+        k = interval(scene.transfer, s)
+        size = real(0.0)
+        if k > 1:
+            if s - scene.transfer.knot[k] <= scene.steps.blur:
+                size += jump(scene, k - 1)
+        if k < scene.transfer.knot.shape[0] - 2:
+            if scene.transfer.knot[wp.max(k + 1, 0)] - s <= scene.steps.blur:
+                size += jump(scene, k + 1)
+        return size
+
+    return absolute, steepest, jump, fuzzy
+
+
+@cache
 def make_pieces(variant):
     """Of a scalar that is the cubic ``s`` of the length from the start of a piece at p, in direction d:
 
     ``piece(scene, p, d, eye, s, length, k)`` -> segment in interval k;
-    ``cut(scene, p, d, eye, s, length)`` -> segment in whatever intervals there are, and the number of its pieces.
+    ``cut(scene, p, d, eye, s, length)`` -> segment in whatever intervals there are, what jumps may be off by, and the
+    number of its pieces.
     Positions and directions count only where there is light.
     """
     Scene = make_scene(variant)
@@ -44,6 +92,21 @@ def make_pieces(variant):
     opaque = CUT["float64"]
     lighted = variant.lit != ""
     _, gradient, light, lit, _ = make_shading(variant)
+    _, _, jump, fuzzy = make_jumps(variant)
+    bounded = variant.rule == "certified"
+
+    @wp.func
+    def unsure(scene: Scene, s: wp.vec4d, u: wp.float64, length: wp.float64):
+        """Length about u in which the scalar is within its rounding of what it is at u."""
+        slope = wp.abs(s[1] + u * (wp.float64(2.0) * s[2] + u * wp.float64(3.0) * s[3]))
+        bend = wp.abs(wp.float64(2.0) * s[2] + wp.float64(6.0) * u * s[3])
+        blur = scene.steps.blur
+        reach = length
+        if wp.float64(8.0) * blur < slope * reach:
+            reach = wp.float64(8.0) * blur / slope
+        if wp.float64(32.0) * blur < bend * reach * reach:
+            reach = wp.sqrt(wp.float64(32.0) * blur / bend)
+        return reach
 
     @wp.func
     def quadrature(
@@ -123,12 +186,15 @@ def make_pieces(variant):
     @wp.func
     def cut(scene: Scene, p: wp.vec3d, d: wp.vec3d, eye: wp.vec3d, s: wp.vec4d, length: wp.float64):
         segment = wp.vec4d()
+        error = wp.float64(0.0)
         count = int(0)
         last = scene.transfer.knot.shape[0] - 1
         m = interval(scene.transfer, s[0])
         first, second = turns(s, length)
         start = wp.float64(0.0)
         value = s[0]
+        if wp.static(bounded):
+            error += fuzzy(scene, value) * unsure(scene, s, start, length)
         for stretch in range(3):
             # s is monotone up to here.
             end = length
@@ -138,6 +204,8 @@ def make_pieces(variant):
                 end = second
             final = at(s, end)
             rises = final > value
+            if wp.static(bounded):
+                error += fuzzy(scene, final) * unsure(scene, s, end, length)
             while start < end:
                 stop = end
                 knot = scene.transfer.knot[wp.max(wp.where(rises, wp.min(m + 1, last), m), 0)]
@@ -148,6 +216,8 @@ def make_pieces(variant):
                     sign = wp.where(rises, wp.float64(1.0), wp.float64(-1.0))
                     stop = zero(vec5d(s[0] - knot, s[1], s[2], s[3], wp.float64(0.0)), start, end, guess, sign)
                     value = knot
+                if wp.static(bounded):
+                    error += jump(scene, m) * unsure(scene, s, stop, length)
                 if stop > start and scene.transfer.visible[m] == m:
                     part = piece(scene, p + start * d, d, eye, moved(s, start), stop - start, m)
                     segment = over(segment, part)
@@ -156,7 +226,7 @@ def make_pieces(variant):
                 if crosses:
                     m += wp.where(rises, 1, -1)
             value = final
-        return segment, count
+        return segment, error, count
 
     return piece, cut
 
@@ -188,7 +258,7 @@ def make_exact(variant):
         m = interval(scene.transfer, low)
         if m == interval(scene.transfer, high):
             return piece(scene, start, d, eye, s, length, m), int(1)
-        segment, count = cut(scene, start, d, eye, s, length)
+        segment, _error, count = cut(scene, start, d, eye, s, length)
         return segment, count
 
     @wp.func

@@ -197,7 +197,7 @@ def make_label_kinds(dtype, states_dtype):
     yet by which transfer function it will be seen.
     """
     Transfer, _, _ = make_transfer(wp.float64)
-    visible = make_visible(wp.float64)
+    visible = make_visible()
     mask_of = make_mask_of(dtype)
     transparent = make_transparent(wp.float64)
     pair = wp.types.vector(2, dtype)
@@ -228,7 +228,7 @@ def make_label_kinds(dtype, states_dtype):
                         if state != before and state < transfers.shape[0]:
                             tf = transfers[state]
                             if not transparent(tf, low - shift, high - shift):
-                                a, b = visible(tf, low, high, shift)
+                                a, b = visible(tf, low - shift, high - shift)
                                 first = wp.min(first, a)
                                 last = wp.max(last, b)
                         before = state
@@ -236,7 +236,7 @@ def make_label_kinds(dtype, states_dtype):
         mask = wp.uint64(0)
         if first < last:
             kind = SEVERAL
-            mask = mask_of(data, bk, bj, bi, first, last)
+            mask = mask_of(data, shift, bk, bj, bi, first, last)
         kinds[bk, bj, bi] = wp.int16(kind)
         masks[bk, bj, bi] = mask
 

@@ -6,17 +6,26 @@ an error that no step length removes. Lengths along a ray are in units of the sm
 
 import warp as wp
 
+# Never reached along any ray.
+FAR = wp.constant(wp.float64(1.0e300))
+
 
 @wp.struct
 class View:
+    """Rays are anchored in a plane across the view, near the volume: however far away the camera is, no digits of
+    where they are are lost.
+    """
+
     width: int
     height: int
     perspective: bool
-    origin: wp.vec3d  # perspective: the camera; parallel: the image's centre [index coordinates]
-    corner: wp.vec3d  # perspective: direction of view, parallel: origin of the ray, of the centre of pixel (0, 0)
+    anchor: wp.vec3d  # where the ray of pixel (0, 0) is in that plane [index coordinates]
     right: wp.vec3d  # one pixel to the right
     down: wp.vec3d  # one pixel down
-    forward: wp.vec3d  # parallel: direction of all rays
+    way: wp.vec3d  # direction of the ray of pixel (0, 0) [world]
+    way_right: wp.vec3d  # what a pixel adds to it
+    way_down: wp.vec3d
+    depth: wp.float64  # perspective: from the camera to the anchor, in lengths of the ray's way
     to_index: wp.mat33d  # world directions to index directions
     unit: wp.float64  # smallest voxel spacing [world length]
     low: wp.vec3d  # the box [index coordinates]
@@ -54,28 +63,30 @@ def item(width, x, y):
 
 
 @wp.func
-def entry(view: View, x: int, y: int):
-    """Entry point and direction in index coordinates, and the length inside the box (<= 0: missed)."""
-    across = wp.float64(x) * view.right + wp.float64(y) * view.down + view.corner
-    origin = view.origin
-    direction = view.forward
-    start = wp.float64(-1.0e300)
-    if view.perspective:
-        direction = wp.normalize(across)
-        start = wp.float64(0.0)
-    else:
-        origin = across
-    direction = view.unit * (view.to_index @ direction)
-    end = wp.float64(1.0e300)
+def inside(low: wp.vec3d, high: wp.vec3d, origin: wp.vec3d, direction: wp.vec3d, start: wp.float64, end: wp.float64):
+    """The part of [start, end] in which a ray is inside a box, the wrong way round if there is none."""
     for a in range(3):
         if direction[a] != wp.float64(0.0):
-            t0 = (view.low[a] - origin[a]) / direction[a]
-            t1 = (view.high[a] - origin[a]) / direction[a]
+            t0 = (low[a] - origin[a]) / direction[a]
+            t1 = (high[a] - origin[a]) / direction[a]
             start = wp.max(start, wp.min(t0, t1))
             end = wp.min(end, wp.max(t0, t1))
-        elif origin[a] < view.low[a] or origin[a] > view.high[a]:
-            end = wp.float64(-1.0e300)
-    point = origin + start * direction
+        elif origin[a] < low[a] or origin[a] > high[a]:
+            end = -FAR
+    return start, end
+
+
+@wp.func
+def entry(view: View, x: int, y: int):
+    """Entry point and direction in index coordinates, and the length inside the box (<= 0: missed)."""
+    anchor = view.anchor + wp.float64(x) * view.right + wp.float64(y) * view.down
+    way = view.way + wp.float64(x) * view.way_right + wp.float64(y) * view.way_down
+    direction = view.unit * (view.to_index @ wp.normalize(way))
+    first = -FAR
+    if view.perspective:
+        first = -view.depth * wp.length(way) / view.unit
+    start, end = inside(view.low, view.high, anchor, direction, first, FAR)
+    point = anchor + start * direction
     for a in range(3):
         point[a] = wp.clamp(point[a], view.low[a], view.high[a])
     return point, direction, end - start

@@ -84,9 +84,8 @@ def make_raycast(variant):
                 if wp.static(certified):
                     stretch, number, error = march(scene, origin, direction, real(until - t))
                     bound += clear * error
-                    if stretch[3] > wp.float64(0.0):
-                        # Counted, once a ray.
-                        scene.steps.veiled = wp.float64(0.0)
+                    # Counted, once a ray.
+                    scene.steps.veiled = wp.float64(0.0)
                 else:
                     stretch, number = march(scene, origin, direction, real(until - t))
                 if wp.static(variant.traced):
@@ -119,6 +118,7 @@ def make_raycast(variant):
         rgba[y, x] = vec4(real(ray[0]), real(ray[1]), real(ray[2]), real(ray[3]))
         samples[y, x] = count
         if wp.static(certified):
-            scene.bound[y, x] = wp.float32(bound)
+            # Rounded up.
+            scene.bound[y, x] = wp.float32(bound * wp.float64(wp.static(1.0 + 2.0**-23)))
 
     return raycast

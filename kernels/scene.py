@@ -52,6 +52,7 @@ class Steps:
     brightest: wp.float64  # largest component of a colour, 1 or more
     tinted: wp.float64  # error of a simpler transfer function, in parts of a ray's opacity
     veiled: wp.float64  # and of any ray, rounding included
+    blur: wp.float64  # rounding of a scalar along a ray
 
 
 @wp.struct

@@ -5,8 +5,7 @@ Indices are counted on from face to face, never computed from positions alone, w
 
 import warp as wp
 
-# Never reached along any ray.
-FAR = wp.constant(wp.float64(1.0e300))
+from .ray import FAR
 
 
 @wp.func

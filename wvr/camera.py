@@ -201,4 +201,6 @@ def _view_angle(value: Any) -> float:
 
 
 def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    # Divided by the largest component first, so that neither square nor root leaves the range of numbers.
+    vector = vector / np.abs(vector).max()
     return vector / np.linalg.norm(vector)

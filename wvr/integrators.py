@@ -318,11 +318,6 @@ class Certified:
             raise ValueError(f"tolerance must be below 1, got {self.tolerance!r}")
 
     @property
-    def termination(self) -> float:
-        """Transparency that a ray ends at, where no colour is brighter than 1."""
-        return self.tolerance / 4
-
-    @property
     def steps(self) -> dict[str, float]:
         return {}
 

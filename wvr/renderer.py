@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from .budget import Budget, blur, brightest, budget
 from .camera import Camera, image_size
 from .clipping import Clip, ClipVolume, clip_list
 from .color import linear_rgb
@@ -159,7 +160,7 @@ class Renderer:
         width, height = image_size(size)
         device = get_device(self.device)
         rule = self.integrator.rule
-        shown = "float32" if self.precision == "auto" else self.precision
+        shown = self._shown()
         # Of the image; what is exact or certified is computed in float64.
         precision = "float64" if rule in ("exact", "certified") else shown
         if rule == "exact":
@@ -172,12 +173,13 @@ class Renderer:
         _check_memory(self.volume, clips, labels, self.shadows, width, height, device)
 
         scene = make_scene(variant)()
-        shift = self._shift()
+        shift = self._shift(precision)
         scene.view = view(self.volume, camera, width, height)
         scene.steps = self._steps()
         scene.field = self._field(variant, shift, device)
         if isinstance(self.integrator, Certified):
-            transfers = self._simplified(self.integrator.tolerance, shown, scene.steps, shift, device)
+            shares = budget(self.integrator.tolerance, shown, self._functions, self.volume)
+            transfers = self._simplified(shares, scene.steps, shift, device)
         else:
             transfers = self._transfers(precision, shift, device)
         scene.transfer = transfers[0]
@@ -316,7 +318,7 @@ class Renderer:
         # Samples of slices are points: clips leave them or not, and light is that of points.
         clips = clip_list(self.clip)
         variant = replace(variant, clipped=False, naive=bool(clips), parts=None, lit="point" if variant.lit else "")
-        shift = self._shift()
+        shift = self._shift(swept)
         scene = make_scene(variant)()
         scene.view = view(self.volume, camera, width, height)
         scene.steps = self._steps()
@@ -414,20 +416,30 @@ class Renderer:
         """All transfer functions of the scene."""
         return [self.transfer_function] if self.segmentation is None else self.segmentation.states[0]  # type: ignore[list-item]
 
-    def _shift(self) -> float:
-        """The constant that floating-point samples are reduced by: the middle of the transfer function's knots."""
+    def _shown(self) -> str:
+        """Precision of the image: what is asked for, or float32 if that is good enough."""
+        if self.precision != "auto":
+            return self.precision
+        if isinstance(self.integrator, Certified):
+            # A tolerance of which rounding to float32 would take more than an eighth.
+            small = self.integrator.tolerance < 4 * np.finfo("float32").eps * brightest(self._functions)
+            return "float64" if small else "float32"
+        return "float32"
+
+    def _shift(self, precision: str) -> float:
+        """The constant that floating-point samples are reduced by: the middle of the transfer function's knots, or 0 if
+        that keeps more of them apart.
+        """
         if self.volume.dtype.kind != "f":
             return 0.0
-        low = min(tf.knots[0] for tf in self._functions)
-        high = max(tf.knots[-1] for tf in self._functions)
+        knots = np.unique(np.concatenate([tf.knots for tf in self._functions]))
         # Rounded, so that it is the same number in every precision.
-        return float(np.float32(0.5 * (low + high)))
+        middle = float(np.float32(0.5 * knots[0] + 0.5 * knots[-1]))
+        return max(middle, 0.0, key=lambda shift: len(np.unique((knots - shift).astype(precision))))
 
     def _steps(self) -> Any:
         steps = Steps()
         default = getattr(self.integrator, "termination", TERMINATION)
-        if isinstance(self.integrator, Certified):
-            default /= self._brightest
         steps.opaque = 1.0 - (default if self.termination is None else self.termination)
         for name, value in self.integrator.steps.items():
             setattr(steps, name, value)
@@ -459,11 +471,6 @@ class Renderer:
             lights[-1].toward = wp.vec3d(*getattr(light, "direction", (0.0, 0.0, 0.0)))
             lights[-1].color = wp.vec3d(*light.color)
         return shading, wp.array(lights, dtype=Light, device=device)
-
-    @property
-    def _brightest(self) -> float:
-        """Largest component of a colour, 1 or more: what a unit of opacity can change in any channel."""
-        return max(1.0, *(float(tf.colors.max()) for tf in self._functions))
 
     def _keep(self, part: str, key: tuple, build: Callable[[], Any]) -> Any:
         """``build()``, or what it made last for the same ``key``."""
@@ -512,14 +519,9 @@ class Renderer:
         key = (self._functions[0].key, self.volume, shift, variant.precision, device.alias)
         return self._keep("empty", key, build_flags)
 
-    def _simplified(self, tolerance: float, shown: str, steps: Any, shift: float, device: wp.Device) -> list[Any]:
+    def _simplified(self, shares: Budget, steps: Any, shift: float, device: wp.Device) -> list[Any]:
         """Transfer functions with fewer control points; and how the tolerance is spent, into ``steps``."""
-        unit = self.volume.smallest_spacing
-        brightest = self._brightest
-        low, high = self.volume.index_box
-        longest = float(np.linalg.norm(self.volume.index_to_world[:3, :3] @ (high - low))) / unit
-
-        share, material = tolerance / 12, self._material
+        unit, material = self.volume.smallest_spacing, self._material
 
         def build(tf: TransferFunction) -> Callable[[], tuple[Simplified, Any]]:
             def work() -> tuple[Simplified, Any]:
@@ -528,19 +530,21 @@ class Renderer:
                     # Coefficients of light belong to the control points there are.
                     points, factors = Simplified(tf.knots, values, 0.0, 0.0, 0.0), transfer_factors(tf)
                 else:
-                    points = simplify(tf.knots, values, share, share / brightest, share / (brightest * longest))
+                    points = simplify(tf.knots, values, shares.color, shares.relative, shares.absolute)
                 return points, transfer_arrays(points.knots, points.values, shift, "float64", device, factors)
 
             return work
 
-        rest = (unit, longest, brightest, tolerance, shift, device.alias, material)
+        rest = (unit, shares, shift, device.alias, material)
         built = self._keep_all("simplified", {(tf.key, *rest): build(tf) for tf in self._functions})
-        steps.tolerance = tolerance / 4
-        steps.brightest = brightest
-        steps.tinted = max(points.color + brightest * points.relative for points, _ in built)
+        if self.termination is None:
+            steps.opaque = 1.0 - shares.behind
+        steps.tolerance = shares.piece
+        steps.brightest = shares.brightest
+        steps.tinted = max(points.color + shares.brightest * points.relative for points, _ in built)
         absolute = max(points.absolute for points, _ in built)
-        # Rounding: of cuts at control points and of float64 sums, and of the image.
-        steps.veiled = brightest * (absolute * longest + 1e-8 + (np.finfo(shown).eps / 2))
+        steps.veiled = shares.rounding + shares.brightest * absolute * shares.longest
+        steps.blur = blur(*self.volume.range, shift, int(self.volume.dimensions.max()))
         return [transfer for _, transfer in built]
 
     def _kinds(
@@ -847,23 +851,31 @@ def render(
 
 def view(volume: Volume, camera: Camera, width: int, height: int) -> Any:
     """The struct of ``kernels.ray`` for a camera and image size, set up in float64."""
-    to_index = np.linalg.inv(volume.index_to_world)
+    to_index = np.linalg.inv(volume.index_to_world[:3, :3])
     right, up, forward = camera.basis()
     half = np.tan(np.radians(camera.view_angle) / 2) if camera.parallel_scale is None else camera.parallel_scale
     pixel = 2 * half / height
     right, down = pixel * right, -pixel * up
     corner = -0.5 * (width - 1) * right - 0.5 * (height - 1) * down
-    position = to_index[:3, :3] @ camera.position + to_index[:3, 3]
-    if camera.parallel:
-        right, down, corner = to_index[:3, :3] @ right, to_index[:3, :3] @ down, position + to_index[:3, :3] @ corner
-    else:
-        corner = corner + forward
+    # The view's axis next to the volume's middle, counted from the nearer of the two points that define it: no
+    # difference of large numbers is taken that is not that of numbers given.
+    middle = volume.corners.mean(axis=0)
+    near = min(camera.position, camera.target, key=lambda point: float(np.abs(point - middle).max()))
+    along = float((middle - near) @ forward)
+    depth = along + (near is camera.target) * float(np.linalg.norm(camera.target - camera.position))
+    if not camera.parallel and depth <= 0:
+        near, along, depth = camera.position, 0.0, 0.0
+    axis = (near - volume.origin) + along * forward
+    spread = 1.0 if camera.parallel else depth
+    turns = not camera.parallel
     low, high = volume.index_box
     result = View()
-    result.width, result.height, result.perspective = width, height, not camera.parallel
-    result.origin, result.corner = wp.vec3d(*position), wp.vec3d(*corner)
-    result.right, result.down, result.forward = wp.vec3d(*right), wp.vec3d(*down), wp.vec3d(*forward)
-    result.to_index, result.unit = wp.mat33d(*to_index[:3, :3].ravel()), volume.smallest_spacing
+    result.width, result.height, result.perspective, result.depth = width, height, turns, depth
+    result.anchor = wp.vec3d(*(to_index @ (axis + spread * corner)))
+    result.right, result.down = (wp.vec3d(*(to_index @ (spread * step))) for step in (right, down))
+    result.way = wp.vec3d(*(forward + turns * corner))
+    result.way_right, result.way_down = (wp.vec3d(*(turns * step)) for step in (right, down))
+    result.to_index, result.unit = wp.mat33d(*to_index.ravel()), volume.smallest_spacing
     result.low, result.high = wp.vec3d(*low), wp.vec3d(*high)
     return result
 

@@ -99,7 +99,7 @@ def single_scattering(
     dtype = wp.dtype_from_numpy(volume.dtype)
     variant = Variant(dtype, precision, "midpoint", not volume.has_nonfinite, skip_empty)
     scene = make_scene(variant)()
-    shift = renderer._shift()
+    shift = renderer._shift(precision)
     scene.view = view(volume, camera, width, height)
     scene.steps = renderer._steps()
     scene.field = renderer._field(variant, shift, at)

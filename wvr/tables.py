@@ -21,6 +21,8 @@ from .validation import choice, positive
 
 GENERATORS = ("incremental", "brute", "approximate", "running")
 WEIGHTS = (None, "lighting", "lum")
+# Least distance of control points that are no jump, for scalars of order one: slopes stay finite.
+CLOSEST = {"float32": 2.0**-60, "float64": 2.0**-500}
 
 
 def transfer_values(tf: TransferFunction, unit: float) -> NDArray[np.float64]:
@@ -49,9 +51,9 @@ def transfer_arrays(
     real = REALS[precision]
     Transfer, _, _ = make_transfer(real)
     numpy_real = np.dtype(precision)
-    knots = (scalars - shift).astype(numpy_real)
+    knots = _apart(scalars, (scalars - shift).astype(numpy_real))
     n = len(knots)
-    widths = np.diff(scalars)
+    widths = np.diff(knots.astype(np.float64))
     # A jump is an interval without width: nothing is ever in it.
     steps = np.where(widths > 0, widths, 1.0)[:, None]
 
@@ -84,6 +86,20 @@ def transfer_arrays(
     transfer.low = first - shift
     transfer.scale = scale
     return transfer
+
+
+def _apart(scalars: NDArray[np.float64], knots: NDArray) -> NDArray:
+    """``knots``, which are ``scalars`` rounded, with those apart that rounding put together: what is no jump stays none."""
+    least = knots.dtype.type(CLOSEST[knots.dtype.name])
+    if np.all((np.diff(knots) >= least) | (np.diff(scalars) == 0)):
+        return knots
+    for k in range(1, len(knots)):
+        if scalars[k] == scalars[k - 1]:
+            knots[k] = knots[k - 1]
+        else:
+            next_one = np.nextafter(knots[k - 1], knots.dtype.type(np.inf))
+            knots[k] = max(knots[k], next_one, knots[k - 1] + least)
+    return knots
 
 
 def _next_visible(extinctions: NDArray[np.float64]) -> NDArray[np.int32]:
