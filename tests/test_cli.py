@@ -242,6 +242,14 @@ def test_the_background_is_in_png_files(run, rendered):
     assert PillowImage.open("a.png").mode == "RGB" and PillowImage.open("b.png").mode == "RGBA"
 
 
+def test_outputs_are_where_they_were_asked_for(run, rendered):
+    render_spheres(run, "--size", "4x3", "-o", "A.NPY")
+    assert np.load("A.NPY").shape == (3, 4, 4)
+    assert run("info", "spheres", "--dataset-size", SIZE, "--save-tf", "bands", "A.JSON")[0] == 0
+    assert wvr.TransferFunction.load("A.JSON") == suggest(wvr.datasets.load("spheres", SIZE))["bands"]
+    assert sorted(path.name for path in Path().iterdir()) == ["A.JSON", "A.NPY"]
+
+
 # Failures
 
 

@@ -401,11 +401,10 @@ def _stem(source: str) -> str:
 
 def _check_output(output: Path, source: str, background: str | None) -> None:
     """Says what cannot be written before minutes of rendering, not after."""
+    from .files import known_suffix
     from .image import FLOAT_WRITERS
 
-    suffix = output.suffix.lower()
-    if suffix != ".png" and suffix not in FLOAT_WRITERS:
-        raise ValueError(f"--output must end in .png, {', '.join(FLOAT_WRITERS)}, got {str(output)!r}")
+    suffix = known_suffix(output, (".png", *FLOAT_WRITERS), "--output")
     if suffix != ".png" and background is not None:
         raise ValueError(f"--background is for .png, {suffix} keeps the image without one")
     if not output.parent.is_dir():

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .color import linear_rgb, srgb_to_linear
-from .image import whole_file
+from .files import known_suffix, write_text
 from .validation import positive
 
 if TYPE_CHECKING:
@@ -317,18 +317,26 @@ class TransferFunction:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the transfer function as JSON, every float exact; the file appears whole or not at all.
 
+        Parameters
+        ----------
+        path
+            A ``.json`` file, in any case.
+
         Raises
         ------
+        ValueError
+            For another extension.
         OSError
             Where the file cannot be written.
         """
+        path = Path(path)
+        known_suffix(path, (".json",))
         lines = ",\n".join(f"    {json.dumps(point)}" for point in self._points())
         text = (
             f'{{\n  "format": {json.dumps(FORMAT)},\n  "version": {VERSION},\n'
             f'  "unit_distance": {json.dumps(self.unit_distance)},\n  "points": [\n{lines}\n  ]\n}}\n'
         )
-        with whole_file(Path(path)) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_text(path, text)
 
     def _points(self) -> list[dict[str, Any]]:
         columns = {"scalar": self.knots, "color": self.colors, "opacity": self.opacities, **self._materials()}
