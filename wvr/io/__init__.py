@@ -15,6 +15,8 @@ them fill what a truncated file lacks with whatever the memory holds. vtkDICOMIm
 rows upside down as well and drop orientations, so pydicom and tifffile read those.
 """
 
-from .readers import NanPolicy, from_pyvista, read, read_raw, to_pyvista
+from ..interop import from_pyvista, to_pyvista
+from ..samples import NanPolicy
+from .readers import read, read_raw
 
 __all__ = ["NanPolicy", "from_pyvista", "read", "read_raw", "to_pyvista"]
