@@ -6,6 +6,7 @@ below repeats; several of these datasets are for research only, see there. Envir
 a mirror with the same files; ``WVR_CACHE``, the folder to keep them in (by default the user's cache folder).
 """
 
-from .downloads import DOWNLOADS, GENERATED, URL, Download, fetch, load, names
+from .catalogue import GENERATED, load, names
+from .downloads import DOWNLOADS, URL, Download, fetch
 
 __all__ = ["DOWNLOADS", "GENERATED", "URL", "Download", "fetch", "load", "names"]
