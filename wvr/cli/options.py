@@ -1,8 +1,4 @@
-"""The command line: ``wvr render``, ``wvr info`` and ``wvr study``.
-
-Results go to stdout, everything else to stderr. Exit codes: 0; 1 where a file, device, memory or
-study fails; 2 for arguments that are not accepted; 130 for Ctrl-C.
-"""
+"""The commands and what their options mean."""
 
 from __future__ import annotations
 
@@ -18,16 +14,16 @@ import numpy as np
 from cyclopts import App, CycloptsError, Parameter
 from cyclopts.validators import Number
 
-from . import __version__
+from .. import __version__
 
 if TYPE_CHECKING:
-    from .camera import Camera
-    from .clipping import Clip
-    from .integrators import Integrator
-    from .lighting import Lighting
-    from .shadows import ConvolutionShadows
-    from .transfer_function import TransferFunction
-    from .volume import Volume
+    from ..camera import Camera
+    from ..clipping import Clip
+    from ..integrators import Integrator
+    from ..lighting import Lighting
+    from ..shadows import ConvolutionShadows
+    from ..transfer_function import TransferFunction
+    from ..volume import Volume
 
 app = App(name="wvr", help="Direct volume rendering, fast and accurate.", version=__version__, help_format="plaintext")
 
@@ -183,7 +179,7 @@ def render(
         volume = _load(source, scalars, nan, dataset_size, stage)
         transfer_function = _transfer_function(tf, domain, volume)
         if up is None:
-            from .datasets import GENERATED
+            from ..datasets import GENERATED
 
             up = "z" if volume.anatomical or source in GENERATED else "y"
         view = _camera(volume, direction, up, view_angle, parallel, camera, width / height)
@@ -237,7 +233,7 @@ def info(
     dataset_size
         Samples along each axis of a generated dataset; by default 128.
     """
-    from .presets import suggest
+    from ..presets import suggest
 
     with _Stages() as stage:
         volume = _load(source, scalars, "transparent", dataset_size, stage)
@@ -372,8 +368,8 @@ class _Stages(logging.Handler):
 def _load(
     source: str, scalars: str | None, nan: Literal["error", "transparent"], size: int | None, stage: _Stages
 ) -> Volume:
-    from . import datasets
-    from .io import read
+    from .. import datasets
+    from ..io import read
 
     if Path(source).exists():
         if size is not None:
@@ -401,8 +397,8 @@ def _stem(source: str) -> str:
 
 def _check_output(output: Path, source: str, background: str | None) -> None:
     """Says what cannot be written before minutes of rendering, not after."""
-    from .files import known_suffix
-    from .image import FLOAT_WRITERS
+    from ..files import known_suffix
+    from ..image import FLOAT_WRITERS
 
     suffix = known_suffix(output, (".png", *FLOAT_WRITERS), "--output")
     if suffix != ".png" and background is not None:
@@ -432,7 +428,7 @@ def _numbers(text: str, option: str, example: str) -> tuple[Any, ...]:
 
 
 def _integrator(text: str) -> Integrator:
-    from .renderer import INTEGRATORS
+    from ..renderer import INTEGRATORS
 
     kinds: dict[str, Callable[..., Integrator]] = {kind.__name__.lower(): kind for kind in INTEGRATORS}
     name, *values = text.split(":")
@@ -447,7 +443,7 @@ def _integrator(text: str) -> Integrator:
 
 
 def _lighting(text: str) -> Lighting:
-    from .lighting import MODES, Lighting
+    from ..lighting import MODES, Lighting
 
     mode, *values = text.split(":")
     names = ("ambient", "diffuse", "specular", "shininess")
@@ -460,8 +456,8 @@ def _lighting(text: str) -> Lighting:
 
 
 def _shadows(text: str) -> ConvolutionShadows:
-    from .lights import DirectionalLight
-    from .shadows import ConvolutionShadows
+    from ..lights import DirectionalLight
+    from ..shadows import ConvolutionShadows
 
     if text == "headlight":
         return ConvolutionShadows()
@@ -486,7 +482,7 @@ def _camera(
     camera: str | None,
     aspect: float,
 ) -> Camera:
-    from .camera import Camera
+    from ..camera import Camera
 
     upward = AXES.get(up) or _numbers(up, "--up", "0,0,1")
     if camera is None:
@@ -514,8 +510,8 @@ def _default_direction(up: tuple[float, ...]) -> tuple[float, ...]:
 def _transfer_function(text: str | None, domain: str | None, volume: Volume) -> TransferFunction:
     import matplotlib
 
-    from .presets import HOUNSFIELD, PRESETS, suggest
-    from .transfer_function import TransferFunction
+    from ..presets import HOUNSFIELD, PRESETS, suggest
+    from ..transfer_function import TransferFunction
 
     span = None if domain is None else _numbers(domain, "--domain", "0,255")
     if text in PRESETS:
@@ -548,7 +544,7 @@ def _points(tf: TransferFunction) -> str:
     """The control points as ``--tf`` takes them."""
     from matplotlib.colors import to_hex
 
-    from .color import linear_to_srgb
+    from ..color import linear_to_srgb
 
     colors = np.clip(linear_to_srgb(tf.colors), 0, 1)
     points = zip(tf.knots, colors, tf.opacities, strict=True)
