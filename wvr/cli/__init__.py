@@ -4,6 +4,9 @@ Results go to stdout, everything else to stderr. Exit codes: 0; 1 where a file, 
 study fails; 2 for arguments that are not accepted; 130 for Ctrl-C.
 """
 
-from .options import app, info, main, render, study
+from .app import app, main
+from .info import info
+from .render import render
+from .study import study
 
 __all__ = ["app", "info", "main", "render", "study"]
