@@ -13,10 +13,10 @@ from cyclopts.validators import Number
 from matplotlib import rc_context
 from rich.console import Console
 
+from studies.base.harness import STYLE, Settings, markdown, rich_table, save, save_figure
 from wvr.files import write_text
 
 from . import certified, clipping, cold, peers, throughput
-from .harness import STYLE, Settings, markdown, rich_table, save, save_figure
 
 ENTRIES: dict[str, ModuleType] = {
     "throughput": throughput,

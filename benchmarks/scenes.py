@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wvr
-from studies import reference
-from studies.scenes import Scene
+from studies.base import reference
+from studies.base.scenes import Scene
 from wvr.files import whole_file
 
 Floats = NDArray[np.float64]

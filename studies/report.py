@@ -11,8 +11,8 @@ from typing import Any
 
 from wvr.files import write_text
 
-from .common import text
-from .study import Part, Study
+from .base.rows import text
+from .base.study import Part, Study
 
 SMALL = "; quick: small scenes, which show only that the study works"
 # A longer table is folded.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import wvr
-from benchmarks.harness import save_figure
+from studies.base.harness import save_figure
 from wvr.files import known_suffix, whole_file, write_text
 
 IMAGE = wvr.Image(np.full((4, 5, 4), 0.25, np.float32), np.zeros((4, 5), np.int32))

@@ -13,8 +13,9 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.harness import machine, write_json
 from wvr.files import write_text
+
+from .harness import machine, write_json
 
 Rows = Sequence[Mapping[str, Any]]
 
