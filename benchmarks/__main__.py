@@ -13,8 +13,10 @@ from cyclopts.validators import Number
 from matplotlib import rc_context
 from rich.console import Console
 
+from studies.base.harness import STYLE, Settings, markdown, rich_table, save, save_figure
+from wvr.files import write_text
+
 from . import certified, clipping, cold, peers, throughput
-from .harness import STYLE, Settings, markdown, rich_table, save, save_figure
 
 ENTRIES: dict[str, ModuleType] = {
     "throughput": throughput,
@@ -68,7 +70,7 @@ def run(
         for note in result.notes:
             console.print(f"- {note}", highlight=False, markup=False)
         save(result, out / f"{name}.json")
-        (out / f"{name}.md").write_text(markdown(result), encoding="utf-8")
+        write_text(out / f"{name}.md", markdown(result))
         files = [out / f"{name}.json", out / f"{name}.md"]
         with rc_context(STYLE):
             for stem, figure in entry.charts(result).items():

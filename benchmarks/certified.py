@@ -9,10 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import wvr
-from studies import campagnolo2015
-from studies.scenes import load
-
-from .harness import (
+from studies.base.harness import (
     Contender,
     Result,
     Row,
@@ -25,6 +22,8 @@ from .harness import (
     summarize,
     timed,
 )
+from studies.base.scenes import load, make_scene
+
 from .scenes import Scene, make_scenes
 
 BASELINE = "Riemann(1.0)"
@@ -72,7 +71,7 @@ def _scenes(quick: bool) -> list[Scene]:
     noisy = np.clip(np.rint(fog.volume.numpy() + noise), 0, 255).astype(np.uint8)
     scenes.insert(2, replace(fog, name="S2 noisy", volume=wvr.Volume(noisy)))
     for name in ("Bonsai", "BluntFin"):
-        scene = campagnolo2015.make_scene(name, quick)
+        scene = make_scene(name, quick)
         scenes.append(replace(scene, camera=wvr.Camera.fit(scene.volume), size=scenes[0].size))
     return scenes
 

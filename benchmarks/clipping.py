@@ -10,9 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import wvr
-from studies import campagnolo2015
-
-from .harness import Result, Row, Settings, bars, integrator_name, interleave, machine, summarize, timed
+from studies.base.harness import Result, Row, Settings, bars, integrator_name, interleave, machine, summarize, timed
+from studies.base.scenes import make_scene
 
 BASELINE = "none"
 INTEGRATORS = (wvr.Certified(1 / 512), wvr.Preintegrated(0.5))
@@ -20,7 +19,7 @@ INTEGRATORS = (wvr.Certified(1 / 512), wvr.Preintegrated(0.5))
 
 def measure(settings: Settings) -> Result:
     """Seconds a frame and pieces or segments a ray."""
-    scene = campagnolo2015.make_scene("Bonsai", settings.quick)
+    scene = make_scene("Bonsai", settings.quick)
     camera = wvr.Camera.fit(scene.volume)
     size = (48, 48) if settings.quick else (512, 512)
     rows: list[Row] = []

@@ -13,9 +13,19 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import wvr
+from studies.base.harness import (
+    Contender,
+    Result,
+    Settings,
+    Time,
+    bars,
+    integrator_name,
+    interleave,
+    machine,
+    summarize,
+)
 from wvr.renderer import DEFAULT
 
-from .harness import Contender, Result, Settings, Time, bars, integrator_name, interleave, machine, summarize
 from .scenes import make_scenes
 
 INTEGRATORS = (wvr.Riemann(1.0), DEFAULT)

@@ -9,9 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import wvr
-
-from . import numpy_marcher
-from .harness import (
+from studies.base.harness import (
     Contender,
     Result,
     Row,
@@ -23,8 +21,10 @@ from .harness import (
     summarize,
     timed,
 )
+from studies.base.vtk_cpu import NotAvailableError, VtkCpu
+
+from . import numpy_marcher
 from .scenes import CONVERGED, Scene, Truth, make_scenes, truth
-from .vtk_cpu import NotAvailableError, VtkCpu
 
 INTEGRATORS = (wvr.Riemann(1.0), wvr.Riemann(0.5), wvr.Preintegrated(1.0), wvr.Preintegrated(0.5))
 BASELINE = "wvr Riemann(1.0)"

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wvr
-from studies import reference
-from studies.scenes import Scene
-from wvr.image import whole_file
+from studies.base import reference
+from studies.base.scenes import Scene
+from wvr.files import whole_file
 
 Floats = NDArray[np.float64]
 
@@ -79,8 +79,8 @@ def truth(scene: Scene, count: int, folder: Path) -> Truth:
             return Truth(pixels, kept["rgba"], int(kept["parts"]), float(kept["change"]))
     result = _converged(scene, pixels)
     folder.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
-        np.savez(temporary, rgba=result.rgba, parts=result.parts, change=result.change)
+    with whole_file(path) as file:
+        np.savez(file, rgba=result.rgba, parts=result.parts, change=result.change)
     return result
 
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 from matplotlib.figure import Figure
 
 import wvr
-
-from .harness import (
+from studies.base.harness import (
     Contender,
     Result,
     Row,
@@ -21,6 +20,7 @@ from .harness import (
     summarize,
     timed,
 )
+
 from .scenes import Scene, make_scenes
 
 INTEGRATORS = (wvr.Riemann(1.0), wvr.Preintegrated(1.0))

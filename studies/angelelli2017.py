@@ -28,13 +28,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import wvr
-from benchmarks.harness import COLORS, save_figure
 
-from . import scenes
-from .common import spread, write_rows
+from .base import scenes
+from .base.harness import COLORS, save_figure
+from .base.rows import spread, write_rows
+from .base.scenes import picture
+from .base.study import Study
 from .lighting import panels
-from .scenes import picture
-from .study import Study
 
 STUDY = Study("angelelli2017")
 PAPER = STUDY.paper

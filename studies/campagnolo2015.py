@@ -26,14 +26,14 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
 import wvr
-from benchmarks.harness import COLORS, save_figure
 from wvr.color import linear_to_srgb
 from wvr.launch import get_device
 
-from . import scenes as views
-from .common import write_rows
-from .scenes import Points, Scene, picture
-from .study import Study
+from .base import scenes as views
+from .base.harness import COLORS, save_figure
+from .base.rows import write_rows
+from .base.scenes import SCENES, Scene, make_scene, picture
+from .base.study import Study
 
 STUDY = Study("campagnolo2015")
 PAPER = STUDY.paper
@@ -41,54 +41,6 @@ STEPS = (0.5, 0.4, 0.3, 0.2, 0.1)
 TOLERANCES = (0.01, 0.005, 0.001)
 REFERENCE_STEP = 0.01
 CHANNELS = ("R", "G", "B", "A")
-
-# Control points, in the order of the tables.
-SCENES: dict[str, Points] = {
-    "BluntFin": [
-        (0.35, (0, 0, 0.6), 0.0),
-        (0.75, (0, 0.1, 1), 0.05),
-        (1.0, (0, 0.2, 1), 0.03),
-        (1.3, (0, 0.8, 0.5), 0.06),
-        (1.7, (0.2, 0.9, 0), 0.15),
-        (2.3, (1, 0.8, 0), 0.4),
-        (3.2, (1, 0.2, 0), 0.6),
-        (4.9, (1, 0, 0), 0.8),
-    ],
-    "Bonsai": [
-        (10, (0, 0.5, 0), 0.0),
-        (60, (0.1, 0.7, 0), 0.2),
-        (110, (0.6, 0.3, 0), 0.2),
-        (170, (0.7, 0.3, 0), 0.6),
-        (255, (0.9, 0.4, 0), 0.8),
-    ],
-    "Teapot": [
-        (30, (0.6, 0.1, 0), 0.0),
-        (52, (0.9, 0.2, 0.1), 0.15),
-        (75, (0.8, 0.3, 0.1), 0.03),
-        (95, (0.7, 0.6, 0.3), 0.02),
-        (125, (1, 0.8, 0.4), 0.12),
-        (150, (1, 0.9, 0.7), 0.3),
-    ],
-    "Engine": [
-        (80, (0.2, 0.3, 0.6), 0.0),
-        (140, (0.4, 0.5, 0.8), 0.04),
-        (175, (0.5, 0.5, 0.6), 0.03),
-        (195, (0.9, 0.6, 0.2), 0.03),
-        (220, (1, 0.5, 0.1), 0.4),
-        (255, (1, 0.8, 0.4), 0.6),
-    ],
-}
-
-
-@cache
-def make_scene(name: str, quick: bool) -> Scene:
-    """A scene of the paper or, where its volume is not there, its stand-in."""
-    stem, points = name.lower(), SCENES[name]
-    volume = views.load(stem, quick)
-    if quick or not views.is_there(stem):
-        points = views.stretched(points, (points[0][0], points[-1][0]), volume)
-    size = (80, 60) if quick else (800, 600)
-    return Scene(name, volume, wvr.TransferFunction(points), views.camera(stem, volume, view_angle=20.0), size)
 
 
 def render(scene: Scene, integrator: Any, skip_empty: bool = False) -> wvr.Image:

@@ -18,14 +18,14 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import wvr
-from benchmarks.harness import save_figure
 from wvr.kernels.partial import PARTS
 
-from . import scenes as views
-from .common import write_rows
+from .base import scenes as views
+from .base.harness import save_figure
+from .base.rows import write_rows
+from .base.scenes import picture
+from .base.study import Study
 from .roettger2003 import VISIBLE, errors, make_scene
-from .scenes import picture
-from .study import Study
 
 STUDY = Study("clipping")
 PAPER = STUDY.paper

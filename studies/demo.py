@@ -15,9 +15,9 @@ from rich.logging import RichHandler
 from rich.table import Table
 
 import wvr
-from benchmarks.harness import integrator_name
 
-from . import reference
+from .base import reference
+from .base.harness import integrator_name
 
 SIZE = (512, 512)
 PIXELS = 1000

@@ -28,14 +28,14 @@ from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocat
 from numpy.typing import NDArray
 
 import wvr
-from benchmarks.harness import COLORS, Contender, interleave, save_figure, timed
-from benchmarks.vtk_cpu import NotAvailableError, VtkCpu
 from wvr.integrators import Integrator
 
-from . import scenes as views
-from .common import write_rows
-from .scenes import Scene, picture
-from .study import Study
+from .base import scenes as views
+from .base.harness import COLORS, Contender, interleave, save_figure, timed
+from .base.rows import write_rows
+from .base.scenes import Scene, picture
+from .base.study import Study
+from .base.vtk_cpu import NotAvailableError, VtkCpu
 
 STUDY = Study("frontier", "Time against error of every integrator")
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import wvr
 
-from . import scenes as views
-from .common import write_rows
+from .base import scenes as views
+from .base.rows import write_rows
+from .base.scenes import Points, Scene
+from .base.study import Study
 from .demo import TREE
-from .scenes import Points, Scene
-from .study import Study
 
 STUDY = Study("gallery", "Gallery")
 

@@ -15,15 +15,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import wvr
-from benchmarks.harness import COLORS, save_figure
 from wvr.color import linear_to_srgb
 from wvr.integrators import Integrator
 from wvr.lighting import MODES
 
-from . import scenes as views
-from .common import seconds, spread, write_rows
-from .scenes import Scene
-from .study import Study
+from .base import scenes as views
+from .base.harness import COLORS, save_figure
+from .base.rows import seconds, spread, write_rows
+from .base.scenes import Scene
+from .base.study import Study
 
 STUDY = Study("lighting")
 LIGHT = wvr.DirectionalLight((1.0, 0.8, 1.0))

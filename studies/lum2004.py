@@ -12,14 +12,14 @@ import warp as wp
 from matplotlib.figure import Figure
 
 import wvr
-from benchmarks.harness import COLORS, save_figure
 from wvr.launch import get_device
 from wvr.tables import _Cut, _generate
 
+from .base.harness import COLORS, save_figure
+from .base.reference import quadrature
+from .base.rows import seconds, write_rows
+from .base.study import Study
 from .brute_hoisted import build_hoisted, make_hoisted
-from .common import seconds, write_rows
-from .reference import quadrature
-from .study import Study
 
 STUDY = Study("lum2004")
 # Table 1 of the paper, seconds by table size: (brute force, incremental). Its machine is of 2004; the ratio compares.

@@ -9,10 +9,10 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from wvr.image import whole_file
+from wvr.files import write_text
 
-from .common import text
-from .study import Part, Study
+from .base.rows import text
+from .base.study import Part, Study
 
 SMALL = "; quick: small scenes, which show only that the study works"
 # A longer table is folded.
@@ -63,8 +63,7 @@ below them. All numbers lie beside this file as CSV and JSON, all charts as SVG 
 <nav><ul>{contents}</ul></nav>
 {body}</body></html>
 """
-    with whole_file(out / "report.html") as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_text(out / "report.html", page)
 
 
 def write_page(folder: Path, studies: Sequence[tuple[Study, dict[str, dict[str, Any]]]]) -> Path:
@@ -94,8 +93,7 @@ def write_page(folder: Path, studies: Sequence[tuple[Study, dict[str, dict[str, 
                     elif name.endswith(".csv"):
                         lines += ["", f"[{name}]({path})"]
     page = folder / "index.md"
-    with whole_file(page) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(page, "\n".join(lines) + "\n")
     return page
 
 

@@ -22,14 +22,14 @@ from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
 import wvr
-from benchmarks.harness import COLORS, save_figure
 from wvr.color import linear_to_srgb
 
-from . import scenes as views
-from .common import spread, write_rows
-from .reference import trilinear
-from .scenes import Scene, picture
-from .study import Study
+from .base import scenes as views
+from .base.harness import COLORS, save_figure
+from .base.reference import trilinear
+from .base.rows import spread, write_rows
+from .base.scenes import Scene, picture
+from .base.study import Study
 
 STUDY = Study("roettger2003")
 PAPER = STUDY.paper

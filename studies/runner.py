@@ -28,10 +28,9 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from benchmarks.harness import PACKAGES, STYLE, machine, write_json
-
 from . import report
-from .study import Part, Study
+from .base.harness import PACKAGES, STYLE, machine, write_json
+from .base.study import Part, Study
 
 NAMES = (
     "frontier",

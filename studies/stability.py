@@ -27,14 +27,14 @@ from matplotlib.image import AxesImage
 from numpy.typing import ArrayLike, NDArray
 
 import wvr
-from benchmarks.harness import save_figure
 from wvr.integrators import Integrator
 from wvr.lighting import MODES
 
-from .common import write_rows
-from .reference import integrate, quadrature
-from .scenes import Scene
-from .study import Study
+from .base.harness import save_figure
+from .base.reference import integrate, quadrature
+from .base.rows import write_rows
+from .base.scenes import Scene
+from .base.study import Study
 
 STUDY = Study("stability", "Stability: what breaks where, for inputs far from ordinary")
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import wvr
-from studies.reference import quadrature
+from studies.base.reference import quadrature
 
 from .test_raycast import ROUNDING, along, centered
 

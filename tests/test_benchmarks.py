@@ -7,10 +7,10 @@ import pytest
 
 import wvr
 from benchmarks import __main__ as command
-from benchmarks import certified, harness, numpy_marcher, peers, scenes
-from benchmarks.harness import Row, Settings, Time
-from benchmarks.vtk_cpu import NotAvailableError
-from studies import reference
+from benchmarks import certified, numpy_marcher, peers, scenes
+from studies.base import harness, reference
+from studies.base.harness import Row, Settings, Time
+from studies.base.vtk_cpu import NotAvailableError
 
 from .conftest import max_error
 

@@ -14,6 +14,9 @@ from PIL import Image as PillowImage
 
 import wvr
 from wvr import cli
+from wvr.cli import stages
+from wvr.cli.options import transfer_function_of
+from wvr.cli.render import _stem
 from wvr.presets import preset, suggest
 
 SIZE = 12
@@ -212,7 +215,7 @@ def test_a_colour_map_spans_the_range_and_does_not_depend_on_resolution(run, ren
 def test_the_image_is_named_after_the_source_and_in_the_current_folder(source, image, tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
-    assert f"{cli._stem(source)}.png" == image
+    assert f"{_stem(source)}.png" == image
 
 
 def test_files_and_their_options(run, rendered):
@@ -240,6 +243,14 @@ def test_the_background_is_in_png_files(run, rendered):
     render_spheres(run, "--size", "2x2", "-o", "a.png", "--background", "white")
     render_spheres(run, "--size", "2x2", "-o", "b.png")
     assert PillowImage.open("a.png").mode == "RGB" and PillowImage.open("b.png").mode == "RGBA"
+
+
+def test_outputs_are_where_they_were_asked_for(run, rendered):
+    render_spheres(run, "--size", "4x3", "-o", "A.NPY")
+    assert np.load("A.NPY").shape == (3, 4, 4)
+    assert run("info", "spheres", "--dataset-size", SIZE, "--save-tf", "bands", "A.JSON")[0] == 0
+    assert wvr.TransferFunction.load("A.JSON") == suggest(wvr.datasets.load("spheres", SIZE))["bands"]
+    assert sorted(path.name for path in Path().iterdir()) == ["A.JSON", "A.NPY"]
 
 
 # Failures
@@ -365,7 +376,7 @@ def test_a_spinner_with_the_stage_is_on_terminals_only(run, rendered, monkeypatc
         return spy(*arguments, **options)
 
     monkeypatch.setattr(wvr, "render", render)
-    monkeypatch.setattr(cli, "Timer", lambda seconds, start: Timer(0.1, start))
+    monkeypatch.setattr(stages, "Timer", lambda seconds, start: Timer(0.1, start))
     monkeypatch.setenv("TTY_COMPATIBLE", "1" if terminal else "0")  # what Rich takes for a terminal
     code, out, err = run("render", "spheres", "--dataset-size", SIZE)
     assert code == 0 and out.count("\n") == 1
@@ -410,7 +421,7 @@ def test_suggestions_can_be_pasted_and_saved(run):
     assert code == 0 and "direction" not in out
     scalars = np.linspace(*volume.range, 1001)
     for name, tf in suggest(volume).items():
-        pasted = cli._transfer_function(lines(out)[name], None, volume)
+        pasted = transfer_function_of(lines(out)[name], None, volume)
         np.testing.assert_allclose(pasted.extinction(scalars), tf.extinction(scalars), rtol=2e-3, atol=1e-4)
         np.testing.assert_allclose(pasted.color(scalars), tf.color(scalars), atol=5e-3)
     assert wvr.TransferFunction.load("a.json") == suggest(volume)["surfaces"]

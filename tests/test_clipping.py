@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import wvr
-from studies.reference import trilinear
+from studies.base.reference import trilinear
 from wvr.kernels.clip import make_clipping, make_cut_normal
 from wvr.kernels.partial import PARTS
 from wvr.kernels.scene import Variant

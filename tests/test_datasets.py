@@ -12,6 +12,8 @@ import pooch
 import pytest
 
 from wvr import datasets
+from wvr.datasets import downloads, fields
+from wvr.datasets.fields import SHEPP_LOGAN
 from wvr.io import read
 
 DATA = Path(__file__).parents[1] / "../shared/data"
@@ -61,7 +63,7 @@ def test_shepp_logan():
     size = 121
     values = field("shepp_logan", size)
     np.testing.assert_array_equal(np.unique(values), np.float32([0, 0.1, 0.2, 0.3, 1]))
-    total = sum(grey / 10 * 4 / 3 * np.pi * np.prod(axes) for grey, axes, _, _ in datasets._SHEPP_LOGAN)
+    total = sum(grey / 10 * 4 / 3 * np.pi * np.prod(axes) for grey, axes, _, _ in SHEPP_LOGAN)
     assert values.sum() * (2 / (size - 1)) ** 3 == pytest.approx(total, rel=0.01)
 
     def at(x, y, z):
@@ -99,7 +101,7 @@ def test_turbulence_has_kolmogorovs_spectrum():
     waves = np.fft.fftfreq(size, 1 / size)
     k = np.stack(np.meshgrid(waves, waves, waves, indexing="ij"))
     length = np.sqrt((k**2).sum(axis=0))
-    vorticity = np.array([np.fft.fftn(component) for component in datasets._vorticity(size, 1)])
+    vorticity = np.array([np.fft.fftn(component) for component in fields.vorticity(size, 1)])
     assert np.abs((k * vorticity).sum(axis=0)).max() < 1e-5 * np.abs(k * vorticity).max()  # a curl has no divergence
     energy = (np.abs(vorticity) ** 2).sum(axis=0) / np.maximum(length, 1) ** 2
     shells = np.arange(3, 22)
@@ -260,7 +262,7 @@ def test_interrupted_download_leaves_nothing(server, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(datasets._Progress, "update", interrupt)
+    monkeypatch.setattr(downloads._Progress, "update", interrupt)
     with pytest.raises(KeyboardInterrupt):
         datasets.fetch("tiny")
     assert cached(server) == []
@@ -283,12 +285,12 @@ def test_file_put_by_hand_is_used(server):
 
 def test_progress_bar_waits_and_needs_a_terminal(monkeypatch, capsys):
     clock = [0.0]
-    monkeypatch.setattr(datasets.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(downloads.time, "monotonic", lambda: clock[0])
 
     def run(terminal):
-        monkeypatch.setattr(datasets.sys.stderr, "isatty", lambda: terminal, raising=False)
+        monkeypatch.setattr(downloads.sys.stderr, "isatty", lambda: terminal, raising=False)
         clock[0] = 0.0
-        progress = datasets._Progress("tiny")
+        progress = downloads._Progress("tiny")
         progress.total = 100
         shown = []
         for clock[0] in (1.0, 1.9, 2.1):

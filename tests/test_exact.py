@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import quad_vec, solve_ivp
 
 import wvr
-from studies import reference
-from studies.reference import quadrature
+from studies.base import reference
+from studies.base.reference import quadrature
 
 from .conftest import max_error
 from .test_raycast import along, centered

@@ -217,7 +217,7 @@ def test_failing_encoder_keeps_the_old_file(tmp_path, monkeypatch, suffix):
     path.write_bytes(b"old")
 
     def disk_full(target, *args, **kwargs):
-        Path(target).write_bytes(b"half")
+        target.write(b"half")
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("wvr.image._write_png", disk_full)

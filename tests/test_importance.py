@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import wvr
-from studies import reference
+from studies.base import reference
 from wvr.kernels.importance import blocks, make_bends, make_distances, make_empty, make_ranges
 from wvr.kernels.precision import REALS
 from wvr.launch import get_device, launch

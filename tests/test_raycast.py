@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.special import erf
 
 import wvr
-from studies import reference
-from studies.reference import quadrature
+from studies.base import reference
+from studies.base.reference import quadrature
 
 from .conftest import max_error
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import wvr
-from studies.reference import trilinear
+from studies.base.reference import trilinear
 
 from .conftest import max_error
 from .test_clipping import every_integrator, middle

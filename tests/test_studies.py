@@ -8,10 +8,10 @@ import pytest
 from matplotlib import rc_context
 
 import wvr
-from benchmarks.harness import STYLE
 from studies import angelelli2017, campagnolo2015, clipping, frontier, lighting, roettger2003, runner, stability
-from studies.common import write_rows
-from studies.study import Study
+from studies.base.harness import STYLE
+from studies.base.rows import write_rows
+from studies.base.study import Study
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import wvr
-from studies.reference import quadrature
+from studies.base.reference import quadrature
 
 
 def random_tf(seed: int, knots: int = 7, jump: bool = False) -> wvr.TransferFunction:

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .image import Image, whole_file
+from .files import known_suffix, whole_file
+from .image import Image
 
 LIMITS = (1e-2, 5e-3, 1e-3, 1e-4)
 DECADES = tuple(10.0**k for k in range(-9, 1))
@@ -102,19 +103,30 @@ class Comparison:
         Parameters
         ----------
         path
-            As Matplotlib's ``savefig`` takes them: .png, .svg, .pdf.
+            The extension, in any case, is one of a format that Matplotlib writes: .png, .svg, .pdf, ...
+
+        Raises
+        ------
+        ValueError
+            For another extension; the message lists those that are accepted.
+        OSError
+            Where the file cannot be written; ``FileNotFoundError`` where its folder does not exist.
         """
         from matplotlib.colors import LogNorm
         from matplotlib.figure import Figure
 
+        path = Path(path)
         figure = Figure(figsize=(6, 6 * self.map.shape[0] / self.map.shape[1] + 0.2), layout="constrained")
+        # PGF is text with pictures in files of their own.
+        formats = sorted(set(figure.canvas.get_supported_filetypes()) - {"pgf"})
+        suffix = known_suffix(path, [f".{name}" for name in formats])
         axes = figure.subplots()
         top = 10.0 ** np.ceil(np.log10(max(self.max, 1e-12)))
         shown = axes.imshow(np.maximum(self.map, 1e-300), norm=LogNorm(top * 1e-6, top), cmap="magma")
         axes.set(xticks=[], yticks=[])
         figure.colorbar(shown, label="largest absolute error of a channel", extend="min")
-        with whole_file(Path(path)) as temporary:
-            figure.savefig(temporary, dpi=150)
+        with whole_file(path) as file:
+            figure.savefig(file, format=suffix.removeprefix("."), dpi=150)
 
     def __str__(self) -> str:
         rows: list[tuple[str, ...]] = [("", *CHANNELS, "any")]

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import os
-import secrets
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from io import BytesIO
 from operator import index
 from pathlib import Path
-from typing import IO, Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .color import linear_rgb, linear_to_srgb
+from .files import known_suffix, whole_file
 
 
 class Image:
@@ -139,8 +138,8 @@ class Image:
         Parameters
         ----------
         path
-            The extension says what is written: ``.png`` sRGB, 8 bits; the others the linear premultiplied floats:
-            ``.exr`` float32 R, G, B, A; ``.tif``, ``.tiff`` and ``.npy`` in the precision of ``rgba``.
+            The extension, in any case, says what is written: ``.png`` sRGB, 8 bits; the others the linear premultiplied
+            floats: ``.exr`` float32 R, G, B, A; ``.tif``, ``.tiff`` and ``.npy`` in the precision of ``rgba``.
         background
             For PNG only, as for :meth:`to_uint8`.
 
@@ -152,21 +151,19 @@ class Image:
             Where the file cannot be written; ``FileNotFoundError`` where its folder does not exist.
         """
         path = Path(path)
-        suffix = path.suffix.lower()
-        if suffix != ".png" and suffix not in FLOAT_WRITERS:
-            raise ValueError(f"path must end in .png, {', '.join(FLOAT_WRITERS)}, got {str(path)!r}")
+        suffix = known_suffix(path, (".png", *FLOAT_WRITERS))
         if suffix == ".png":
             pixels = self.to_uint8(background)
-            with whole_file(path) as temporary:
-                _write_png(temporary, pixels)
+            with whole_file(path) as file:
+                _write_png(file, pixels)
         elif background is not None:
             raise ValueError(
                 f"background must be None for {suffix}, which keeps linear RGBA, got {background!r}; "
                 f"save image.composited(background) yourself, or a .png"
             )
         else:
-            with whole_file(path) as temporary:
-                FLOAT_WRITERS[suffix](temporary, self.rgba)
+            with whole_file(path) as file:
+                FLOAT_WRITERS[suffix](file, self.rgba)
 
     def _repr_png_(self) -> bytes:
         png = BytesIO()
@@ -184,21 +181,6 @@ class Image:
         return f"Image({', '.join(parts)})"
 
 
-@contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """A path in the folder of ``path`` to write to, which becomes ``path`` if the block ends well, else vanishes."""
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"path must be in a folder that exists, got {str(path)!r}")
-    temporary = path.with_name(f".{secrets.token_hex(6)}{path.suffix}")
-    # Opened here, an unwritable folder is the same OSError whatever the encoder would have made of it.
-    temporary.open("xb").close()
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
 def _quantised(encoded: NDArray[np.float64]) -> NDArray[np.uint8]:
     return np.rint(np.clip(encoded, 0.0, 1.0) * 255).astype(np.uint8)
 
@@ -211,7 +193,7 @@ def _counted(count: int) -> str:
     return str(count)
 
 
-def _write_png(file: Path | IO[bytes], pixels: NDArray[np.uint8]) -> None:
+def _write_png(file: BinaryIO, pixels: NDArray[np.uint8]) -> None:
     from PIL import Image as PillowImage
     from PIL.PngImagePlugin import PngInfo
 
@@ -220,24 +202,24 @@ def _write_png(file: Path | IO[bytes], pixels: NDArray[np.uint8]) -> None:
     PillowImage.fromarray(pixels).save(file, "PNG", pnginfo=info)
 
 
-def _write_exr(file: Path, rgba: NDArray[np.floating]) -> None:
+def _write_exr(file: BinaryIO, rgba: NDArray[np.floating]) -> None:
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "software": "wvr"}
     try:
         with OpenEXR.File(header, {"RGBA": np.ascontiguousarray(rgba, np.float32)}) as exr:
-            exr.write(str(file))
+            exr.write(file.name)
     except RuntimeError as error:
         raise OSError(f"could not write the EXR file: {error}") from error
 
 
-def _write_tiff(file: Path, rgba: NDArray[np.floating]) -> None:
+def _write_tiff(file: BinaryIO, rgba: NDArray[np.floating]) -> None:
     import tifffile
 
     tifffile.imwrite(file, rgba, photometric="rgb", extrasamples=["assocalpha"], metadata=None, software="wvr")
 
 
-FLOAT_WRITERS: dict[str, Callable[[Path, NDArray[np.floating]], None]] = {
+FLOAT_WRITERS: dict[str, Callable[[BinaryIO, NDArray[np.floating]], None]] = {
     ".exr": _write_exr,
     ".tif": _write_tiff,
     ".tiff": _write_tiff,

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .color import linear_rgb, srgb_to_linear
-from .image import whole_file
-from .validation import positive
+from .files import known_suffix, write_text
+from .preset_points import preset_points
+from .validation import check_domain, finite_array, positive
 
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap
@@ -154,7 +155,7 @@ class TransferFunction:
         """
         entries = _entries(colormap)
         lo, hi = check_domain(domain)
-        given = _finite(np.repeat(opacity, 2) if np.ndim(opacity) == 0 else opacity, "opacity", (-1,))
+        given = finite_array(np.repeat(opacity, 2) if np.ndim(opacity) == 0 else opacity, "opacity", (-1,))
         n, m = len(entries), len(given)
         if m < 2:
             raise ValueError(
@@ -200,12 +201,12 @@ class TransferFunction:
         ValueError
             Where spikes overlap (the message has the largest width that does not), and as the class.
         """
-        peaks = _finite(np.atleast_1d(values), "values", (-1,))
+        peaks = finite_array(np.atleast_1d(values), "values", (-1,))
         n = len(peaks)
         if n == 0:
             raise ValueError("values must be one or more, got none")
         width = positive(width, "width")
-        heights = _finite(np.full(n, opacity) if np.ndim(opacity) == 0 else opacity, "opacity", (n,))
+        heights = finite_array(np.full(n, opacity) if np.ndim(opacity) == 0 else opacity, "opacity", (n,))
         order = np.argsort(peaks)
         peaks, heights = peaks[order], heights[order]
         rgb = _spread_colors(n) if colors is None else _color_list(colors, n)[order]
@@ -227,9 +228,7 @@ class TransferFunction:
     @classmethod
     def preset(cls, name: str, domain: tuple[float, float] | None = None) -> TransferFunction:
         """A transfer function with a name; see :func:`wvr.presets.preset`."""
-        from .presets import preset
-
-        return preset(name, domain)
+        return cls(preset_points(name, domain))
 
     def _define(
         self,
@@ -239,7 +238,7 @@ class TransferFunction:
         unit_distance: float | None,
         *materials: ArrayLike | None,
     ) -> None:
-        self.knots = knots = _finite(scalars, "scalars", (-1,))
+        self.knots = knots = finite_array(scalars, "scalars", (-1,))
         n = len(knots)
         if n < 2:
             raise ValueError(f"scalars must have at least two control points, got {n}")
@@ -253,16 +252,16 @@ class TransferFunction:
             )
         if float(knots[-1]) - float(knots[0]) == np.inf:
             raise ValueError(f"scalars must span a finite range, got {knots[0]:g} to {knots[-1]:g}")
-        self.colors = _finite(rgb, "rgb", (n, 3))
+        self.colors = finite_array(rgb, "rgb", (n, 3))
         if np.any(self.colors < 0):
             raise ValueError(f"rgb must be >= 0, got {self.colors.min():g}")
-        self.opacities = _finite(opacity, "opacity", (n,))
+        self.opacities = finite_array(opacity, "opacity", (n,))
         _check_opacity(self.opacities)
         self.unit_distance = None if unit_distance is None else positive(unit_distance, "unit_distance")
         self.ambient = self.diffuse = self.specular = None
         for name, values in zip(MATERIALS, materials, strict=False):
             if values is not None:
-                coefficients = _finite(values, name, (n,))
+                coefficients = finite_array(values, name, (n,))
                 if np.any(coefficients < 0):
                     raise ValueError(f"{name} must be >= 0, got {coefficients.min():g}")
                 setattr(self, name, coefficients)
@@ -317,18 +316,26 @@ class TransferFunction:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the transfer function as JSON, every float exact; the file appears whole or not at all.
 
+        Parameters
+        ----------
+        path
+            A ``.json`` file, in any case.
+
         Raises
         ------
+        ValueError
+            For another extension.
         OSError
             Where the file cannot be written.
         """
+        path = Path(path)
+        known_suffix(path, (".json",))
         lines = ",\n".join(f"    {json.dumps(point)}" for point in self._points())
         text = (
             f'{{\n  "format": {json.dumps(FORMAT)},\n  "version": {VERSION},\n'
             f'  "unit_distance": {json.dumps(self.unit_distance)},\n  "points": [\n{lines}\n  ]\n}}\n'
         )
-        with whole_file(Path(path)) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_text(path, text)
 
     def _points(self) -> list[dict[str, Any]]:
         columns = {"scalar": self.knots, "color": self.colors, "opacity": self.opacities, **self._materials()}
@@ -382,14 +389,6 @@ def _check_opacity(opacity: Floats) -> None:
         raise ValueError(f"opacity must be in [0, 1], got {float(opacity[wrong][0])!r}")
 
 
-def check_domain(domain: Any) -> tuple[float, float]:
-    """``domain`` as (lo, hi), finite and lo < hi."""
-    lo, hi = _finite(domain, "domain", (2,)).tolist()
-    if not lo < hi or hi - lo == np.inf:
-        raise ValueError(f"domain must be (lo, hi) with lo < hi, got ({lo!r}, {hi!r})")
-    return lo, hi
-
-
 def _entries(colormap: str | Colormap) -> Floats:
     """Linear RGB of the entries of a colour map, (n, 3)."""
     import matplotlib
@@ -426,20 +425,3 @@ def _number(value: Any, name: str) -> float:
         return float(value)
     except (TypeError, ValueError):
         raise TypeError(f"{name} must be a number, got {value!r}") from None
-
-
-def _finite(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
-    """A read-only finite float64 copy of ``values`` of this shape (-1: any length)."""
-    try:
-        # Adding 0 turns -0 into 0, so that equal transfer functions have equal keys.
-        array = np.array(values, np.float64) + 0.0
-    except (TypeError, ValueError):
-        raise TypeError(f"{name} must be numbers, got {values!r}") from None
-    expected = tuple(got if want == -1 else want for want, got in zip(shape, array.shape, strict=False))
-    if array.ndim != len(shape) or array.shape != expected:
-        wanted = str(shape).replace("-1", "n")
-        raise ValueError(f"{name} must have shape {wanted}, got {array.shape}")
-    if not np.all(np.isfinite(array)):
-        raise ValueError(f"{name} must be finite, got {array[~np.isfinite(array)][0]}")
-    array.flags.writeable = False
-    return array

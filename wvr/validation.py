@@ -36,3 +36,28 @@ def choice(value: Any, name: str, accepted: Sequence[str | None]) -> Any:
     if value not in accepted:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, accepted))}, got {value!r}")
     return value
+
+
+def finite_array(values: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """A read-only finite float64 copy of ``values`` of this shape (-1: any length)."""
+    try:
+        # Adding 0 turns -0 into 0, so that equal transfer functions have equal keys.
+        array = np.array(values, np.float64) + 0.0
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be numbers, got {values!r}") from None
+    expected = tuple(got if want == -1 else want for want, got in zip(shape, array.shape, strict=False))
+    if array.ndim != len(shape) or array.shape != expected:
+        wanted = str(shape).replace("-1", "n")
+        raise ValueError(f"{name} must have shape {wanted}, got {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name} must be finite, got {array[~np.isfinite(array)][0]}")
+    array.flags.writeable = False
+    return array
+
+
+def check_domain(domain: Any) -> tuple[float, float]:
+    """``domain`` as (lo, hi), finite and lo < hi."""
+    lo, hi = finite_array(domain, "domain", (2,)).tolist()
+    if not lo < hi or hi - lo == np.inf:
+        raise ValueError(f"domain must be (lo, hi) with lo < hi, got ({lo!r}, {hi!r})")
+    return lo, hi

@@ -14,12 +14,11 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .launch import get_device
+from .samples import DTYPES
 from .validation import choice, finite_vector
 
 if TYPE_CHECKING:
     import pyvista as pv
-
-DTYPES = ("uint8", "int8", "uint16", "int16", "float16", "float32", "float64")
 
 
 class Volume:
@@ -176,13 +175,13 @@ class Volume:
         cls, image_data: pv.ImageData, scalars: str | None = None, nan: Literal["error", "transparent"] = "error"
     ) -> Volume:
         """The volume of a PyVista ``ImageData``; see :func:`wvr.io.from_pyvista`."""
-        from .io import from_pyvista
+        from .interop import from_pyvista
 
         return from_pyvista(image_data, scalars, nan)
 
     def to_pyvista(self) -> pv.ImageData:
         """A PyVista ``ImageData`` with the samples as point data ``"values"``, the same box and orientation."""
-        from .io import to_pyvista
+        from .interop import to_pyvista
 
         return to_pyvista(self)
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ import wvr
 from wvr.color import linear_to_srgb
 from wvr.integrators import Integrator
 
-DATA = Path(__file__).parents[1] / "../shared/data"
+DATA = Path(__file__).parents[2] / "../shared/data"
 
 Direction = tuple[float, float, float]
 
@@ -112,6 +113,55 @@ class Scene:
         renderer.render(self.camera, (8, 8))
         images = [renderer.render(self.camera, self.size) for _ in range(rounds)]
         return min(images, key=lambda image: image.stats["seconds_raycast"])
+
+
+# Control points of Campagnolo et al. 2015, in the order of its tables. Its scenes are benchmarks, too.
+SCENES: dict[str, Points] = {
+    "BluntFin": [
+        (0.35, (0, 0, 0.6), 0.0),
+        (0.75, (0, 0.1, 1), 0.05),
+        (1.0, (0, 0.2, 1), 0.03),
+        (1.3, (0, 0.8, 0.5), 0.06),
+        (1.7, (0.2, 0.9, 0), 0.15),
+        (2.3, (1, 0.8, 0), 0.4),
+        (3.2, (1, 0.2, 0), 0.6),
+        (4.9, (1, 0, 0), 0.8),
+    ],
+    "Bonsai": [
+        (10, (0, 0.5, 0), 0.0),
+        (60, (0.1, 0.7, 0), 0.2),
+        (110, (0.6, 0.3, 0), 0.2),
+        (170, (0.7, 0.3, 0), 0.6),
+        (255, (0.9, 0.4, 0), 0.8),
+    ],
+    "Teapot": [
+        (30, (0.6, 0.1, 0), 0.0),
+        (52, (0.9, 0.2, 0.1), 0.15),
+        (75, (0.8, 0.3, 0.1), 0.03),
+        (95, (0.7, 0.6, 0.3), 0.02),
+        (125, (1, 0.8, 0.4), 0.12),
+        (150, (1, 0.9, 0.7), 0.3),
+    ],
+    "Engine": [
+        (80, (0.2, 0.3, 0.6), 0.0),
+        (140, (0.4, 0.5, 0.8), 0.04),
+        (175, (0.5, 0.5, 0.6), 0.03),
+        (195, (0.9, 0.6, 0.2), 0.03),
+        (220, (1, 0.5, 0.1), 0.4),
+        (255, (1, 0.8, 0.4), 0.6),
+    ],
+}
+
+
+@cache
+def make_scene(name: str, quick: bool) -> Scene:
+    """A scene of Campagnolo et al. 2015 or, where its volume is not there, its stand-in."""
+    stem, points = name.lower(), SCENES[name]
+    volume = load(stem, quick)
+    if quick or not is_there(stem):
+        points = stretched(points, (points[0][0], points[-1][0]), volume)
+    size = (80, 60) if quick else (800, 600)
+    return Scene(name, volume, wvr.TransferFunction(points), camera(stem, volume, view_angle=20.0), size)
 
 
 def picture(image: wvr.Image) -> NDArray[np.floating]:

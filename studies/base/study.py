@@ -12,8 +12,8 @@ A module of ``studies`` is a study if it has a ``STUDY``, which the parts join::
         return f"At n = {n} brute force takes {ratio:.0f} times as long."
 
 All that a part writes into its folder is its result: CSV and JSON, charts as SVG and PNG. ``quick`` is small, takes
-generated volumes only, and shows that the study works. What a paper reported lies in ``data/NAME.json``: numbers with
-the page or table they are from, and under ``"claims"``, by part, where and what.
+generated volumes only, and shows that the study works. What a paper reported lies in ``studies/data/NAME.json``:
+numbers with the page or table they are from, and under ``"claims"``, by part, where and what.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from inspect import getdoc
 from pathlib import Path
 from typing import Any
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 
 Work = Callable[[Path, bool], str]
 

@@ -26,7 +26,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from rich.table import Table
 
 import wvr
-from wvr.image import whole_file
+from wvr.files import whole_file, write_text
 from wvr.launch import get_device
 
 PACKAGES = ("numpy", "scipy", "warp-lang", "vtk", "pyvista", "wvr")
@@ -203,8 +203,7 @@ def _commit() -> str | None:
 
 def write_json(path: Path, value: Any) -> None:
     """``value`` as a JSON file that appears whole or not at all."""
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(value, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(value, indent=1, allow_nan=False) + "\n")
 
 
 def save(result: Result, path: Path) -> None:
@@ -340,6 +339,6 @@ def errors_against_time(result: Result) -> Figure:
 
 def save_figure(figure: Figure, stem: Path) -> None:
     """``figure`` as PNG and SVG files."""
-    for suffix in (".png", ".svg"):
-        with whole_file(stem.with_suffix(suffix)) as temporary:
-            figure.savefig(temporary, metadata={"Date": None} if suffix == ".svg" else None)
+    for kind in ("png", "svg"):
+        with whole_file(stem.with_name(f"{stem.name}.{kind}")) as file:
+            figure.savefig(file, format=kind, metadata={"Date": None} if kind == "svg" else None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import time
 from collections.abc import Callable, Mapping, Sequence
+from io import StringIO
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -12,8 +13,9 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.harness import machine, write_json
-from wvr.image import whole_file
+from wvr.files import write_text
+
+from .harness import machine, write_json
 
 Rows = Sequence[Mapping[str, Any]]
 
@@ -26,10 +28,11 @@ def write_rows(folder: Path, name: str, title: str, rows: Rows) -> None:
         table.add_row(*(text(row.get(column)) for column in columns))
     console = Console()
     (console if console.is_terminal else Console(width=200)).print(table)
-    with whole_file(folder / f"{name}.csv") as file, file.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, columns)
-        writer.writeheader()
-        writer.writerows(rows)
+    lines = StringIO(newline="")
+    writer = csv.DictWriter(lines, columns)
+    writer.writeheader()
+    writer.writerows(rows)
+    write_text(folder / f"{name}.csv", lines.getvalue())
     write_json(folder / f"{name}.json", {"title": title, "machine": machine(), "rows": [dict(row) for row in rows]})
 
 

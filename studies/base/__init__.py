@@ -1,0 +1,1 @@
+"""What studies and benchmarks share: scenes, references, timing and how results are written."""

@@ -1,0 +1,38 @@
+"""Which command it is, and what its failures are."""
+
+from __future__ import annotations
+
+import sys
+
+from cyclopts import App, CycloptsError
+
+from .. import __version__
+from .info import info
+from .render import render
+from .study import study
+
+app = App(name="wvr", help="Direct volume rendering, fast and accurate.", version=__version__, help_format="plaintext")
+for command in (render, info, study):
+    app.command(command)
+
+
+def main() -> int:
+    """Run the command line in ``sys.argv``; returns the exit code."""
+    try:
+        command, bound, *_ = app.parse_args(sys.argv[1:], exit_on_error=False, print_error=False, verbose=False)
+        return command(*bound.args, **bound.kwargs) or 0
+    except KeyboardInterrupt:
+        return 130
+    except (CycloptsError, ValueError, TypeError) as error:
+        return _failed(error, 2)
+    except (OSError, MemoryError, ImportError) as error:
+        return _failed(error, 1)
+
+
+def _failed(error: Exception, code: int) -> int:
+    # One line, whatever the message quotes. A MemoryError of Python's own has no message.
+    message = " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, OSError) and error.filename is not None:
+        message = f"{error.strerror}: {error.filename}"
+    print(f"wvr: error: {message}", file=sys.stderr)
+    return code

@@ -1,0 +1,104 @@
+"""Volumes from PyVista and back."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .samples import NanPolicy, components_error, narrowed
+from .volume import Volume
+
+if TYPE_CHECKING:
+    import pyvista as pv
+
+
+def from_pyvista(image_data: pv.ImageData, scalars: str | None = None, nan: NanPolicy = "error") -> Volume:
+    """The volume of a PyVista ``ImageData``, sharing its memory where the dtype allows.
+
+    Parameters
+    ----------
+    image_data
+        ``pyvista.ImageData`` or ``vtkImageData`` with one component a sample.
+    scalars
+        Name of the point or cell array; by default the active one. Cell samples sit at the cells' centres: the volume
+        is then half a cell smaller on every side than the grid's box.
+    nan
+        See :class:`Volume`.
+
+    Raises
+    ------
+    TypeError
+        For anything but a regular grid.
+    ValueError
+        For an unknown name, no array or several with none active, more than one component.
+    """
+    import pyvista as pv
+
+    image = pv.wrap(image_data)
+    if not isinstance(image, pv.ImageData):
+        raise TypeError(f"image_data must be a pyvista.ImageData, got {type(image_data).__name__}; {RESAMPLE}")
+    values, on_cells = _pick_array(image, scalars)
+    if values.ndim > 1:
+        raise components_error(f"array {scalars!r}" if scalars else "the active array", values.shape[1])
+    points = np.array(image.dimensions)
+    size = np.maximum(points - 1, 1) if on_cells else points
+    spacing = np.array(image.spacing)
+    matrix = image.GetDirectionMatrix()
+    direction = np.array([[matrix.GetElement(i, j) for j in range(3)] for i in range(3)])
+    # VTK's origin is that of index (0, 0, 0), which need not be a point of the grid.
+    first = np.array(image.GetExtent()[::2]) + np.where(points > 1, 0.5, 0.0) * on_cells
+    origin = np.array(image.origin) + direction @ (spacing * first)
+    array = narrowed(np.asarray(values).reshape(size[::-1]))
+    # VTK allows a negative spacing, which is a reversed axis.
+    return Volume(array, np.abs(spacing), origin, direction * np.where(spacing < 0, -1, 1), nan)
+
+
+def to_pyvista(volume: Volume) -> pv.ImageData:
+    """A PyVista ``ImageData`` of the volume, with its box and orientation.
+
+    Parameters
+    ----------
+    volume
+        Any volume.
+
+    Returns
+    -------
+    pyvista.ImageData
+        With point data ``"values"`` in the volume's dtype, sharing its memory where both live on the CPU: change it and
+        the volume changes. VTK has no float16: that becomes float32, which holds every such value.
+    """
+    import pyvista as pv
+
+    nz, ny, nx = volume.shape
+    image = pv.ImageData(dimensions=(nx, ny, nz), spacing=tuple(volume.spacing), origin=tuple(volume.origin))
+    image.SetDirectionMatrix(*volume.direction.ravel())
+    values = volume.numpy()
+    image.point_data["values"] = (values.astype(np.float32) if values.dtype == np.float16 else values).reshape(-1)
+    image.set_active_scalars("values")
+    return image
+
+
+RESAMPLE = (
+    "wvr renders regular grids: resample it, e.g. pyvista.ImageData(dimensions=..., spacing=..., "
+    "origin=...).sample(grid), and pass that to Volume.from_pyvista"
+)
+
+
+def _pick_array(image: pv.ImageData, scalars: str | None) -> tuple[NDArray, bool]:
+    """The array to render and whether it is on cells."""
+    names = list(image.point_data.keys()) + list(image.cell_data.keys())
+    if scalars is None:
+        scalars = image.point_data.active_scalars_name or image.cell_data.active_scalars_name
+        if scalars is None and len(names) == 1:
+            scalars = names[0]
+    if not names:
+        raise ValueError("image_data has no point or cell array to render")
+    if scalars not in names:
+        problem = (
+            "scalars must name the array, none is active" if scalars is None else f"scalars={scalars!r} is unknown"
+        )
+        raise ValueError(f"{problem}; there are {', '.join(map(repr, names))}")
+    on_cells = scalars not in image.point_data
+    return (image.cell_data if on_cells else image.point_data)[scalars], on_cells
