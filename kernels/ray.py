@@ -30,6 +30,9 @@ class View:
     unit: wp.float64  # smallest voxel spacing [world length]
     low: wp.vec3d  # the box [index coordinates]
     high: wp.vec3d
+    seen_low: wp.vec3d  # the box of all that there is to see, inside that
+    seen_high: wp.vec3d
+    stop: wp.array(dtype=int)  # not 0: the rest of the image is no longer asked for; empty where nobody would say so
 
 
 # Pixels go tile by tile: neighbours in time are neighbours in the cache.
@@ -42,15 +45,25 @@ def tiles(width, height):
 
 
 @wp.func
+def stopped(view: View):
+    """Whether the rest of the image is no longer asked for."""
+    if view.stop.shape[0] == 0:
+        return False
+    return view.stop[0] != 0
+
+
+@wp.func
 def pixel(view: View, item: int):
-    """Column and row of a work item; the row is ``height`` or more where the item is beyond the image."""
+    """Column and row of a work item; the row is ``height`` or more where there is nothing to do: beyond the image, or
+    when the rest of it is no longer asked for.
+    """
     across = (view.width + TILE - 1) // TILE
     tile = item // (TILE * TILE)
     within = item - tile * TILE * TILE
     row = tile // across
     x = (tile - row * across) * TILE + within % TILE
     y = row * TILE + within // TILE
-    if x >= view.width:
+    if x >= view.width or stopped(view):
         y = view.height
     return x, y
 

@@ -1,145 +1,78 @@
-"""What a ray-casting kernel is specialised for, and the struct of all that it reads."""
+"""What a kernel is made of, and the struct of all that it reads: put together from the halves that it is given.
 
-from dataclasses import dataclass
+A half is what an object that a user holds (a field, cuts, light, an integrator) brings to the device: an object with a
+struct and with functions. It is hashable, and equal halves make the same kernel; a kernel contains nothing else.
+"""
+
+import dataclasses
 from functools import cache
+from typing import Any
 
 import warp as wp
 
-from .clip import make_clipping
-from .field import make_field
-from .label import make_labels
-from .precision import REALS
+from .cuts.stretches import Cuts
+from .field.blocks import Blocks
+from .integrators.steps import Trace
+from .light.points import Lights, Lit
 from .ray import View
-from .table import make_table
-from .transfer import make_transfer
+from .transfer.function import make_transfer
+from .transfer.lookup import make_table
 
 
-@dataclass(frozen=True)
-class Variant:
-    """What a kernel is specialised for."""
+@dataclasses.dataclass(frozen=True)
+class Halves:
+    """What a kernel is specialised for.
 
-    dtype: type  # of the stored samples
-    precision: str  # "float32" or "float64", of everything along a ray but the sums
-    rule: str  # how a ray is integrated, a key of ``raycast.MARCHES``
-    finite: bool  # no sample is NaN or infinite
+    ``march`` is the half of an integrator: ``Struct(halves)``; ``tabled``, whether segments are looked up in a table;
+    ``bounded``, whether there is a bound; and ``march(halves)`` -> a function ``march(scene, origin, direction, start,
+    stop)`` -> (composite, count, bound): premultiplied colour and opacity of the stretch of a ray from ``start`` to
+    ``stop``, how much it cost, and a bound on the error of any channel, 0 where the method gives none. The ray is at
+    ``origin + t direction`` in index coordinates, all in float64, lengths in units of the smallest voxel spacing.
+    """
+
+    real: type  # of everything along a ray but the sums: float32 or float64
+    field: Any
+    march: Any
+    cuts: Cuts = dataclasses.field(default_factory=Cuts)
+    light: Lit | None = None
     skip: bool = False  # leap over empty blocks
     traced: bool = False  # the steps of a ray are written down, by a march that has them
-    lit: str = ""  # how a segment is lit, a mode of ``lit``, or "point" where every sample is; "" is not at all
-    gradient: str = "central"  # that light sees: "central" differences or those of the "cell"
-    material: bool = False  # ambient, diffuse and specular coefficients vary with the scalar
-    clips: type | None = None  # there are clips; of the clip volumes' samples, uint8 where there are shapes only
-    clipped: bool = False  # clips cut the ray
-    naive: bool = False  # clips leave out samples
-    parts: str | None = None  # clips cut segments, as ``partial`` does
-    labels: type | None = None  # of the states as they are stored, where labels say which transfer function holds
 
     @property
-    def cut(self) -> bool:
-        """Whether a ray is marched in stretches."""
-        return self.clipped or self.labels is not None
+    def Scene(self) -> Any:
+        """The struct that functions take as ``scene``: the same where halves differ in other things.
 
-
-@wp.struct
-class Steps:
-    """Lengths in units of the smallest voxel spacing; a rule reads those it knows."""
-
-    step: wp.float64
-    shortest: wp.float64
-    longest: wp.float64
-    tolerance: wp.float64  # of the whole, or of what a piece adds in parts of its opacity
-    scope: wp.float64  # length that the tolerance belongs to; 0 is the ray's own
-    opaque: wp.float64  # a ray ends when its opacity exceeds this
-    brightest: wp.float64  # largest component of a colour, 1 or more
-    tinted: wp.float64  # error of a simpler transfer function, in parts of a ray's opacity
-    veiled: wp.float64  # and of any ray, rounding included
-    blur: wp.float64  # rounding of a scalar along a ray
-
-
-@wp.struct
-class Step:
-    """A step that a ray took; lengths in units of the smallest voxel spacing, errors absolute in any channel."""
-
-    t: wp.float64  # where it starts
-    length: wp.float64
-    tolerance: wp.float64  # that of its length
-    depth_error: wp.float64  # estimate, for its length, of the interval of the inner integral that it lies in
-    error: wp.float64  # estimate of the outer integral; 0 where nothing absorbs
-    forced: bool  # taken in spite of an estimate above the tolerance
-    rgba: wp.vec4d  # the ray's composite at its end
-
-
-@wp.struct
-class Light:
-    headlight: bool
-    toward: wp.vec3d  # unit vector from the scene to the light, in world space
-    color: wp.vec3d
-
-
-@wp.struct
-class Shading:
-    ambient: wp.float64
-    diffuse: wp.float64
-    specular: wp.float64
-    shininess: wp.float64
-    faint: wp.float64  # square of the gradient where light has half faded [scalars per world length]^2
-    parts: int  # that a segment is lit in, by the mode "supersampled"
-    to_world: wp.mat33d  # index gradients to world gradients
-    ahead: wp.mat33d  # index directions to world directions
-
-
-def make_scene(variant):
-    """The struct with all that a kernel of ``variant`` reads: the same where variants differ in other things."""
-    return _make_scene(variant.dtype, variant.precision, variant.clips, variant.labels, variant.traced)
+        Functions take structs by value, so it has nothing that is not used.
+        """
+        return _make_scene(
+            self.real,
+            self.field.Struct,
+            self.march.Struct(self),
+            self.march.tabled,
+            self.cuts.Struct(self.real) if self.cuts.used else None,
+            self.light is not None,
+            self.traced,
+        )
 
 
 @cache
-def _make_scene(dtype, precision, clips, labels, traced):
-    real = REALS[precision]
-    Field, _ = make_field(dtype, real)
-    Transfer, _, _ = make_transfer(real)
-    Table, _ = make_table(real)
-    _, Clipping = make_clipping(clips or wp.uint8)
-    Labels = make_labels(labels or wp.uint8, precision)
-    vec2 = wp.vec2d if real is wp.float64 else wp.vec2
-
-    @wp.struct
-    class Scene:
-        view: View
-        steps: Steps
-        field: Field
-        transfer: Transfer
-        empty: wp.array3d(dtype=wp.uint8)  # [z, y, x] of blocks of cells, as of ``importance``
-        kinds: wp.array3d(dtype=wp.int16)  # [z, y, x] of small blocks of cells, as of ``blocks``
-        masks: wp.array3d(dtype=wp.uint64)  # of their cells
-        bound: wp.array2d(dtype=wp.float32)  # on the error of each ray
-        shading: Shading
-        lights: wp.array(dtype=Light)
-        table: Table
-        nodes: wp.array(dtype=vec2)  # of ``segment.gauss_nodes``
-        distance: wp.array3d(dtype=wp.float32)  # [z, y, x] of blocks, as of ``importance``
-        clipping: Clipping
-        cut: wp.vec3d  # lit: normal of the clip that the stretch of the ray begins at, in world space, or 0
-        cut_point: wp.vec3d  # and where that is
-        labels: Labels
-
-    @wp.struct
-    class TracedScene:
-        view: View
-        steps: Steps
-        field: Field
-        transfer: Transfer
-        empty: wp.array3d(dtype=wp.uint8)
-        shading: Shading
-        lights: wp.array(dtype=Light)
-        table: Table
-        distance: wp.array3d(dtype=wp.float32)
-        clipping: Clipping
-        cut: wp.vec3d  # lit: normal of the clip that the stretch of the ray begins at, in world space, or 0
-        cut_point: wp.vec3d  # and where that is
-        labels: Labels
-        trace: wp.array(dtype=Step)
-        taken: int  # steps in stretches of the ray before this one
-        start: wp.float64  # where this one begins
-        front: wp.vec4d  # composite of those before
-
-    return TracedScene if traced else Scene
+def _make_scene(real, Field, March, tabled, CutsStruct, lit, traced):
+    members = {
+        "view": View,
+        "field": Field,
+        "blocks": Blocks,
+        "transfer": make_transfer(real)[0],
+        "march": March,
+        "opaque": wp.float64,  # a ray ends when its opacity exceeds this
+        "whole": wp.float64,  # length of the ray, where it is marched in stretches, of which
+        "stretch": int,  # so many came before
+    }
+    if tabled:
+        members["table"] = make_table(real)[0]
+    if CutsStruct is not None:
+        members["cuts"] = CutsStruct
+    if lit:
+        members["light"] = Lights
+    if traced:
+        members["trace"] = Trace
+    return wp.struct(type("Scene", (), {"__annotations__": members, "__module__": __name__}))

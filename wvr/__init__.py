@@ -2,19 +2,21 @@
 
 from . import datasets, presets
 from .camera import Camera
-from .clipping import ClipBox, ClipPlane, ClipSphere, ClipVolume
 from .compare import Comparison, compare
+from .cuts.labels import Segmentation
+from .cuts.shapes import ClipBox, ClipPlane, ClipSphere
+from .cuts.volumes import ClipVolume
 from .image import Image
 from .integrators import AdaptivePreintegrated, AdaptiveSimpson, Certified, Exact, Preintegrated, Riemann, Simpson
 from .io import read, read_raw
-from .launch import get_num_threads, set_num_threads
-from .lighting import Lighting
-from .lights import DirectionalLight, Headlight
+from .launch import Cancelled, get_num_threads, set_num_threads
+from .light.lighting import Lighting
+from .light.lights import DirectionalLight, Headlight
+from .light.shadows import ConvolutionShadows
 from .renderer import Renderer, render
 from .scattering import single_scattering
-from .segmentation import Segmentation
-from .shadows import ConvolutionShadows
-from .tables import Table, preintegrate
+from .transfer.preintegration import preintegrate
+from .transfer.table import Table
 from .transfer_function import TransferFunction
 from .volume import Volume
 
@@ -22,6 +24,7 @@ __all__ = [
     "AdaptivePreintegrated",
     "AdaptiveSimpson",
     "Camera",
+    "Cancelled",
     "Certified",
     "ClipBox",
     "ClipPlane",

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .field.base import Field
 from .validation import finite_vector, positive
-from .volume import Volume
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -116,7 +116,7 @@ class Camera:
     @classmethod
     def fit(
         cls,
-        volume: Volume,
+        volume: Field,
         direction: ArrayLike = (1.0, 0.6, 0.4),
         up: ArrayLike = (0.0, 0.0, 1.0),
         parallel: bool = False,

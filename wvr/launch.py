@@ -10,13 +10,20 @@ from __future__ import annotations
 import logging
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any
+from weakref import WeakSet
 
+import numpy as np
 import warp as wp
+
+from .kernels.ray import TILE, tiles
 
 log = logging.getLogger("wvr")
 
@@ -24,6 +31,10 @@ log = logging.getLogger("wvr")
 STRIPS_PER_THREAD = 16
 # The same where threads wait for each other after each few hundred microseconds.
 STRIPS_PER_STEP = 2
+# Threads at most, where there are fewer cores: more only cost memory.
+MOST_THREADS = 64
+# How often a waiting thread looks whether its frame is cancelled [s].
+POLL = 0.02
 
 _threads: int | None = None
 
@@ -35,7 +46,8 @@ def set_num_threads(n: int) -> None:
     ----------
     n
         At least 1. The default is the environment variable ``WVR_NUM_THREADS`` or, without it, all cores that the
-        process may use. Results do not depend on it.
+        process may use. Results do not depend on it. More than 64, or than the machine has cores where those are more,
+        count as that many.
 
     Raises
     ------
@@ -60,7 +72,7 @@ def _thread_count(value: Any, name: str) -> int:
     try:
         n = int(value)
         if n >= 1 and n == float(value) and not isinstance(value, bool):
-            return n
+            return min(n, max(MOST_THREADS, os.cpu_count() or 1))
     except (TypeError, ValueError, OverflowError):
         pass
     raise ValueError(f"{name} must be an integer >= 1, got {value!r}")
@@ -85,8 +97,44 @@ def get_device(device: Any = None) -> wp.Device:
         raise ValueError(f"device must be one of {there}, got {device!r} ({error})") from None
 
 
-def launch(kernel: wp.Kernel, items: int, inputs: list[Any], device: wp.Device, grain: int = 1, first: int = 0) -> None:
+class Cancelled(Exception):  # noqa: N818 - no error, somebody asked for it
+    """A frame ended early since its ``cancel`` was set.
+
+    Not a RuntimeError: Warp raises those where a device fails, and who handles them must not take this for a failure.
+    """
+
+
+@contextmanager
+def cancelling(event: Any) -> Iterator[None]:
+    """Launches within end early, with :class:`Cancelled`, once the ``event`` is set; None never is.
+
+    Raises
+    ------
+    TypeError
+        For an event without a method ``is_set``.
+    """
+    if event is not None and not callable(getattr(event, "is_set", None)):
+        raise TypeError(f"cancel must be a threading.Event or None, got {event!r}")
+    token = _cancel.set(event)
+    try:
+        yield
+    finally:
+        _cancel.reset(token)
+
+
+def launch(
+    kernel: wp.Kernel,
+    items: int,
+    inputs: list[Any],
+    device: wp.Device,
+    grain: int = 1,
+    first: int = 0,
+    view: Any = None,
+) -> None:
     """Run ``kernel(base, *inputs)`` over ``items`` work items.
+
+    An exception, of any kind, leaves only when nothing runs any more: one in a strip when the other threads are done
+    with theirs, or Ctrl-C.
 
     Parameters
     ----------
@@ -96,33 +144,62 @@ def launch(kernel: wp.Kernel, items: int, inputs: list[Any], device: wp.Device, 
         Items that a strip has a multiple of.
     first
         Index of the first item.
+    view
+        The :class:`kernels.ray.View` of the ``inputs``, where they have one: the kernel then ends between two pixels.
+
+    Raises
+    ------
+    Cancelled
+        Where the event of :func:`cancelling` is set; on CUDA, before the launch.
     """
     _load(kernel, device.alias)
-    threads = get_num_threads()
-    if device.is_cuda or threads == 1 or items <= grain:
+    if device.is_cuda:
+        _check_cancelled()
         wp.launch(kernel, items, [first, *inputs], device=device)
         return
+    threads = get_num_threads()
     strip = grain * max(1, -(-items // (grain * threads * STRIPS_PER_THREAD)))
-    starts = iter(range(first, first + items, strip))
+    starts = range(first, first + items, strip)
+    bases = iter(starts)
+    flag = np.zeros(1, np.int32)
+    if view is not None:
+        view.stop = wp.array(flag, dtype=int, device=device, copy=False)
 
     def run() -> None:
         # Arguments are packed once a thread; a strip then costs a few microseconds, not 50.
         command = wp.launch(kernel, strip, [0, *inputs], device=device, record_cmd=True)
-        for base in starts:
+        for base in bases:
+            if flag[0]:
+                return
             command.set_dim(min(strip, first + items - base))
             command.set_param_at_index(0, base)
             command.launch()
 
-    others = [_pool(threads - 1).submit(run) for _ in range(threads - 1)]
-    run()
-    for done in others:
-        done.result()
+    def stop() -> None:
+        flag[0] = 1
+
+    _work(run, min(threads, len(starts)), stop, joins=view is None)
+
+
+def launch_pixels(kernel: wp.Kernel, inputs: list[Any], device: wp.Device, view: Any) -> None:
+    """Run ``kernel(base, *inputs)`` over the pixels of an image, work items of ``kernels.ray.pixel``.
+
+    Exceptions are as of :func:`launch`.
+
+    Parameters
+    ----------
+    view
+        The :class:`kernels.ray.View` of the ``inputs``: the kernel ends between two pixels.
+    """
+    tile = int(TILE) ** 2
+    launch(kernel, tiles(view.width, view.height) * tile, inputs, device, grain=tile, view=view)
 
 
 def launch_in_turn(kernel: wp.Kernel, items: int, steps: Sequence[tuple], inputs: list[Any], device: wp.Device) -> None:
     """Run ``kernel(base, *step, *inputs)`` over ``items`` work items for each step, one step after the other.
 
     For many short ones: arguments are packed once, and on the CPU threads wait for each other but never end between.
+    Exceptions are as of :func:`launch`.
 
     Parameters
     ----------
@@ -136,40 +213,144 @@ def launch_in_turn(kernel: wp.Kernel, items: int, steps: Sequence[tuple], inputs
     strips = -(-items // strip)
     barrier = threading.Barrier(threads)
     order = iter(range(strips * len(steps)))
+    stopped = threading.Event()
 
     def run() -> None:
         # Every thread has a strip of each step, so when all wait, the step before is done.
-        try:
-            command = wp.launch(kernel, strip, [0, *steps[0], *inputs], device=device, record_cmd=True)
-            last = 0
-            for n in order:
-                step, part = divmod(n, strips)
-                if step != last:
-                    for index, value in enumerate(steps[step]):
-                        command.set_param_at_index(1 + index, value)
-                    last = step
-                    if threads > 1:
+        command = wp.launch(kernel, strip, [0, *steps[0], *inputs], device=device, record_cmd=True)
+        last = 0
+        for n in order:
+            if stopped.is_set():
+                return
+            step, part = divmod(n, strips)
+            if step != last:
+                for index, value in enumerate(steps[step]):
+                    command.set_param_at_index(1 + index, value)
+                last = step
+                if threads > 1:
+                    try:
                         barrier.wait()
-                if strips > 1:
-                    command.set_dim(min(strip, items - part * strip))
-                    command.set_param_at_index(0, part * strip)
-                command.launch()
-        except threading.BrokenBarrierError:
-            return  # the thread that broke it says why
-        except BaseException:
-            barrier.abort()
-            raise
+                    except threading.BrokenBarrierError:
+                        return  # whoever broke it says why
+            if strips > 1:
+                command.set_dim(min(strip, items - part * strip))
+                command.set_param_at_index(0, part * strip)
+            command.launch()
 
-    with ThreadPoolExecutor(threads) as pool:
-        others = [pool.submit(run) for _ in range(threads - 1)]
+    def stop() -> None:
+        stopped.set()
+        barrier.abort()
+
+    if device.is_cuda:
+        _check_cancelled()
         run()
-        for done in others:
-            done.result()
+    else:
+        _work(run, threads, stop, joins=True)
 
 
-@cache
+class Lock:
+    """A lock that a cancelled frame does not wait for, and that is open in a forked child whoever held it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        _locks.add(self)
+
+    def __reduce__(self) -> tuple:
+        return Lock, ()  # a copy, or what is unpickled, has one of its own
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        taken = False
+        try:
+            while not taken:
+                taken = self._lock.acquire(timeout=POLL)
+                _check_cancelled()
+            yield
+        finally:
+            if taken:
+                self._lock.release()
+
+
+_cancel: ContextVar[Any] = ContextVar("wvr_cancel", default=None)
+_locks: WeakSet[Lock] = WeakSet()
+_own = threading.local()
+
+
+def _check_cancelled() -> None:
+    event = _cancel.get()
+    if event is not None and event.is_set():
+        raise Cancelled("cancel was set")
+
+
+def _work(run: Callable[[], None], threads: int, stop: Callable[[], None], joins: bool) -> None:
+    """Have threads run until all are done; an error in any of them, Ctrl-C or a cancelled frame calls ``stop``.
+
+    The calling thread is one of them (``joins``) where strips are short; else it only waits, since Ctrl-C does not
+    reach one that is inside a kernel.
+    """
+    _check_cancelled()
+    if joins and threads == 1:
+        run()
+        return
+    errors: list[BaseException] = []
+    entered: list[None] = []
+    left: list[None] = []
+    wake: SimpleQueue[None] = SimpleQueue()
+    # Ctrl-C ends a wait at once; only an event has to be looked at.
+    timeout = 1.0 if _cancel.get() is None else POLL
+
+    def work() -> None:
+        entered.append(None)
+        try:
+            run()
+        except BaseException as error:
+            errors.append(error)
+            stop()
+        finally:
+            left.append(None)
+            wake.put(None)
+
+    def pause() -> None:
+        with suppress(Empty):
+            wake.get(timeout=timeout)
+
+    try:
+        pool = _pool(get_num_threads())
+        for _ in range(threads - joins):
+            pool.submit(work)
+        if joins:
+            work()
+        while len(left) < threads:
+            pause()
+            _check_cancelled()
+    except BaseException:
+        stop()
+        # Who enters later finds that nothing is to be done.
+        while len(left) < len(entered):
+            with suppress(KeyboardInterrupt):  # pressed again
+                pause()
+        raise
+    if errors:
+        raise errors[0]
+
+
 def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="wvr")
+    """The calling thread's own: what several threads render does not queue, and all of a launch run at a time."""
+    if getattr(_own, "threads", 0) != threads:
+        _own.pool, _own.threads = ThreadPoolExecutor(threads, thread_name_prefix="wvr"), threads
+    return _own.pool
+
+
+def _after_fork() -> None:
+    """In the child of a fork there are no threads but the one that forked, and nobody to open a lock."""
+    global _own
+    _own = threading.local()
+    for lock in _locks:
+        lock._lock = threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
 
 
 @cache

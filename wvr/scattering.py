@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from threading import Event
 from time import perf_counter
 from typing import Any
 
@@ -11,16 +12,16 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .camera import Camera, image_size
+from .frame import Frame
 from .image import Image
 from .integrators import Riemann
+from .keep import Keeper
+from .kernels.light.scattering import make_scattering
 from .kernels.precision import REALS, vec4_of
-from .kernels.ray import TILE, tiles
-from .kernels.scattering import make_scattering
-from .kernels.scene import Variant, make_scene
-from .launch import get_device, launch
-from .lighting import Lighting
-from .lights import Headlight, Light
-from .renderer import Renderer, view
+from .launch import cancelling, get_device, launch_pixels
+from .light.lighting import Lighting
+from .light.lights import Headlight, Light
+from .scene import Precision, Scene
 from .transfer_function import TransferFunction
 from .volume import Volume
 
@@ -38,10 +39,11 @@ def single_scattering(
     directions: int = 64,
     step: float = 0.5,
     background: str | Sequence[float] | None = None,
-    precision: str = "auto",
+    precision: Precision = "auto",
     device: Any = None,
     termination: float | None = None,
     skip_empty: bool = True,
+    cancel: Event | None = None,
 ) -> Image:
     """Render a volume with soft shadows, each sample lit by rays of its own: a reference, and slow.
 
@@ -67,7 +69,7 @@ def single_scattering(
         Rays to each light, >= 1.
     step
         Length of a step of all rays, in units of the smallest voxel spacing, > 0.
-    background, precision, device, termination, skip_empty
+    background, precision, device, termination, skip_empty, cancel
         As of :func:`render`. Samples are of this precision, sums always float64.
 
     Returns
@@ -79,39 +81,39 @@ def single_scattering(
     ------
     TypeError, ValueError
         For arguments of another kind or value; each says which, what was given and what is accepted.
+    Cancelled
+        Where ``cancel`` is set before the image is done.
     """
-    renderer = Renderer(
-        volume,
-        transfer_function,
+    scene = Scene(
+        volume=volume,
+        transfer_function=transfer_function,
         integrator=Riemann(step),
         lighting=Lighting(light=Headlight() if light is None else light),
+        shadows=None,
         precision=precision,
         termination=termination,
         background=background,
         skip_empty=skip_empty,
+        clips=(),
+        segmentation=None,
     )
-    renderer._check(camera)
+    for one in scene.volumes():
+        one.look()
+    scene.check(camera)
     directions_of = cone(spread, directions)
-    width, height = image_size(size)
     at = get_device(device)
     start = perf_counter()
-    precision = "float32" if precision == "auto" else precision
-    dtype = wp.dtype_from_numpy(volume.dtype)
-    variant = Variant(dtype, precision, "midpoint", not volume.has_nonfinite, skip_empty)
-    scene = make_scene(variant)()
-    shift = renderer._shift(precision)
-    scene.view = view(volume, camera, width, height)
-    scene.steps = renderer._steps()
-    scene.field = renderer._field(variant, shift, at)
-    scene.transfer = renderer._transfers(precision, shift, at)[0]
-    scene.empty = renderer._empty(variant, shift, scene.transfer, at)
-    assert renderer.lighting is not None
-    scene.shading, scene.lights = renderer._shading(renderer.lighting, at)
-    rgba = wp.empty((height, width), dtype=vec4_of(REALS[precision]), device=at)
-    samples = wp.empty((height, width), dtype=int, device=at)
-    inputs = [scene, wp.array(directions_of, dtype=wp.vec3d, device=at), rgba, samples]
-    tile = int(TILE) ** 2
-    launch(make_scattering(variant), tiles(width, height) * tile, inputs, at, grain=tile)
+    with cancelling(cancel):
+        width, height = image_size(size)
+        frame = Frame(scene, camera, (width, height), Keeper(at))
+        integrator = scene.integrator
+        along = integrator.precision(scene)
+        halves = frame.halves(REALS[along], integrator.half(scene))
+        struct, _ = frame.struct(halves)
+        rgba = wp.empty((height, width), dtype=vec4_of(halves.real), device=at)
+        samples = wp.empty((height, width), dtype=int, device=at)
+        inputs = [struct, wp.array(directions_of, dtype=wp.vec3d, device=at), rgba, samples]
+        launch_pixels(make_scattering(halves), inputs, at, struct.view)
     pixels, count = rgba.numpy(), samples.numpy()
     stats = {
         "seconds": perf_counter() - start,
@@ -119,8 +121,8 @@ def single_scattering(
         "directions": len(directions_of),
         "samples": int(count.sum(dtype=np.int64)),
         "device": at.name,
-        "precision": precision,
-        "integrator": f"single scattering, {renderer.integrator!r}",
+        "precision": along,
+        "integrator": f"single scattering, {integrator!r}",
     }
     return Image(pixels, count, None, stats, background)
 

@@ -285,6 +285,11 @@ class TransferFunction:
         """Linear RGB at scalars ``s``, shape ``(*s.shape, 3)``; black where ``s`` is NaN."""
         return self._interpolate(s, self.colors)
 
+    def scaled(self, exponent: int) -> TransferFunction:
+        """The same for scalars times ``2**exponent``."""
+        knots = np.ldexp(self.knots, exponent)
+        return self.from_arrays(knots, self.colors, self.opacities, self.unit_distance, **self.materials())
+
     def _interpolate(self, s: ArrayLike, values: Floats) -> Floats:
         """``values`` (n, ...) at the control points, linear between, constant outside, right value at a jump."""
         s = np.asarray(s, np.float64)
@@ -302,7 +307,7 @@ class TransferFunction:
     def key(self) -> bytes:
         """Digest of all that defines the transfer function; caches compare by it."""
         digest = hashlib.blake2b(digest_size=16)
-        for values in (self.unit_distance, self.knots, self.colors, self.opacities, *self._materials().values()):
+        for values in (self.unit_distance, self.knots, self.colors, self.opacities, *self.materials().values()):
             content = b"" if values is None else np.asarray(values, np.float64).tobytes()
             digest.update(len(content).to_bytes(8, "little") + content)
         return digest.digest()
@@ -338,7 +343,7 @@ class TransferFunction:
         write_text(path, text)
 
     def _points(self) -> list[dict[str, Any]]:
-        columns = {"scalar": self.knots, "color": self.colors, "opacity": self.opacities, **self._materials()}
+        columns = {"scalar": self.knots, "color": self.colors, "opacity": self.opacities, **self.materials()}
         given = {name: values.tolist() for name, values in columns.items() if values is not None}
         return [dict(zip(given, row, strict=True)) for row in zip(*given.values(), strict=True)]
 
@@ -380,7 +385,8 @@ class TransferFunction:
             f"opacity up to {self.opacities.max():g}, unit_distance={self.unit_distance})"
         )
 
-    def _materials(self) -> dict[str, Floats | None]:
+    def materials(self) -> dict[str, Floats | None]:
+        """Coefficients of light at the control points, by name."""
         return {name: getattr(self, name) for name in MATERIALS}
 
 

@@ -6,22 +6,32 @@ single sample is one spacing thick, constant, and centred on that sample.
 
 from __future__ import annotations
 
+import sys
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from .checksum import checksum
+from .field.base import Field
+from .field.blocks import Ranges
+from .field.samples import Data, samples_struct
+from .keep import Keeper
+from .kernels.field.grid import Grid
 from .launch import get_device
-from .samples import DTYPES
+from .samples import DTYPES, NanPolicy
 from .validation import choice, finite_vector
 
 if TYPE_CHECKING:
     import pyvista as pv
 
+# Lengths in the world, and one over them, whose squares and products are numbers.
+FARTHEST = 1e100
 
-class Volume:
+
+class Volume(Field):
     """Scalar samples ``array[z, y, x]`` and their place in the world.
 
     The world position of sample ``(i, j, k)`` along x, y, z is ``origin + direction @ (spacing * (i, j, k))``.
@@ -31,7 +41,7 @@ class Volume:
     array
         Shape ``(nz, ny, nx)``, dtype one of uint8, int8, uint16, int16, float16, float32, float64. A NumPy array, a
         Warp array, or anything with DLPack or ``__cuda_array_interface__`` (PyTorch, JAX, CuPy). Kept in its own dtype
-        and, where it is C-contiguous in native byte order, without a copy.
+        and, where it is C-contiguous in native byte order, without a copy: see :meth:`changed` for writing into it.
     spacing
         Distance between samples along x, y, z [world length], each > 0.
     origin
@@ -46,8 +56,8 @@ class Volume:
     TypeError
         For a dtype that is not listed.
     ValueError
-        For a wrong rank, an empty array, non-finite samples (with ``nan="error"``), spacing <= 0, or a singular
-        direction.
+        For a wrong rank, an empty array, non-finite samples (with ``nan="error"``), spacing <= 0, lengths beyond
+        1e100, or a singular direction.
 
     Examples
     --------
@@ -56,6 +66,8 @@ class Volume:
     Volume(4 x 3 x 2 uint8, spacing=(1.0, 1.0, 2.5))
     """
 
+    #: How often samples changed.
+    version: int
     #: Whether world x, y, z are a patient's axes (z towards the head), as DICOM, NIfTI and some NRRD files say.
     anatomical: bool = False
 
@@ -65,42 +77,47 @@ class Volume:
         spacing: ArrayLike = (1.0, 1.0, 1.0),
         origin: ArrayLike = (0.0, 0.0, 0.0),
         direction: ArrayLike | None = None,
-        nan: Literal["error", "transparent"] = "error",
+        nan: NanPolicy = "error",
     ):
-        self.data = _as_data(array)
+        self._data = _as_data(array)
         self.spacing = finite_vector(spacing, "spacing", "lengths > 0 along x, y, z")
         if np.any(self.spacing <= 0):
             raise ValueError(f"spacing must be > 0 along x, y and z, got {tuple(self.spacing.tolist())}")
+        if self.spacing.min() < 1 / FARTHEST or self.spacing.max() > FARTHEST:
+            raise ValueError(
+                f"spacing must be from {1 / FARTHEST:g} to {FARTHEST:g}, got {tuple(self.spacing.tolist())}"
+            )
         self.origin = finite_vector(origin, "origin", "the position of sample (0, 0, 0)")
+        if np.abs(self.origin).max() > FARTHEST:
+            raise ValueError(f"origin must be within {FARTHEST:g}, got {tuple(self.origin.tolist())}")
         self.direction = _direction(np.eye(3) if direction is None else direction)
         self.nan = choice(nan, "nan", ("error", "transparent"))
         self._device_arrays: dict[str, wp.array] = {}
-        if nan == "error" and self.has_nonfinite:
-            count = int(np.size(self.numpy()) - np.count_nonzero(np.isfinite(self.numpy())))
+        self._scaled: dict[int, Volume] = {}
+        self.version = 0
+        self._checksum: bytes | None = None
+        self._lent = False  # the samples were handed out
+        self._shared = True  # somebody else could write to them when they were looked at last
+        self._check_finite()
+
+    def _check_finite(self) -> None:
+        if self.nan == "error" and self.has_nonfinite:
+            values = self.host()
+            count = int(values.size - np.count_nonzero(np.isfinite(values)))
             raise ValueError(
-                f"array has {count} NaN or infinite samples of {self.numpy().size}; clean it, or pass "
+                f"array has {count} NaN or infinite samples of {values.size}; clean it, or pass "
                 f'nan="transparent" to render the cells that touch one as nothing'
             )
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """``(nz, ny, nx)``."""
-        return tuple(int(n) for n in self.data.shape)  # type: ignore[return-value]
+        return tuple(int(n) for n in self._data.shape)  # type: ignore[return-value]
 
     @property
     def dtype(self) -> np.dtype:
         """The samples' own dtype."""
-        return self.numpy().dtype
-
-    @property
-    def dimensions(self) -> NDArray[np.int64]:
-        """Samples along x, y, z."""
-        return np.array(self.shape[::-1])
-
-    @property
-    def smallest_spacing(self) -> float:
-        """The smallest distance between neighbouring samples along an axis [world length]."""
-        return float(np.min(np.linalg.norm(self.index_to_world[:3, :3], axis=0)))
+        return self.host().dtype
 
     @cached_property
     def index_to_world(self) -> NDArray[np.float64]:
@@ -110,24 +127,11 @@ class Volume:
         matrix[:3, 3] = self.origin
         return matrix
 
-    @property
-    def index_box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lower and upper corner of the box in index coordinates; an axis with one sample is one spacing thick."""
-        thin = self.dimensions == 1
-        return np.where(thin, -0.5, 0.0), np.where(thin, 0.5, self.dimensions - 1.0)
-
-    @cached_property
-    def corners(self) -> NDArray[np.float64]:
-        """The box's eight corners in world coordinates, shape (8, 3), x fastest."""
-        lo, hi = self.index_box
-        pick = np.array([[(c >> a) & 1 for a in range(3)] for c in range(8)])
-        return np.where(pick, hi, lo) @ self.index_to_world[:3, :3].T + self.origin
-
     @cached_property
     def has_nonfinite(self) -> bool:
         """Whether any sample is NaN or infinite."""
         # A sum is finite exactly if all terms are, but for overflow; then look at each.
-        values = self.numpy()
+        values = self.host()
         if values.dtype.kind != "f":
             return False
         with np.errstate(over="ignore", invalid="ignore"):
@@ -136,7 +140,7 @@ class Volume:
     @cached_property
     def range(self) -> tuple[float, float]:
         """Smallest and largest finite sample; (0, 0) if there is none."""
-        values = self.numpy()
+        values = self.host()
         if self.has_nonfinite:
             values = values[np.isfinite(values)]
             if values.size == 0:
@@ -145,24 +149,38 @@ class Volume:
 
     def numpy(self) -> NDArray:
         """The samples as a NumPy array (z, y, x): the array itself on the CPU, a copy from another device."""
-        if isinstance(self.data, np.ndarray):
-            return self.data
-        return self._host_copy
+        self._lent = True
+        return self.host()
+
+    @property
+    def data(self) -> Any:
+        """The samples as they are kept: a NumPy array, or a Warp array on its own device."""
+        self._lent = True
+        return self._data
+
+    def host(self) -> NDArray:
+        """The samples for readers, who do not write."""
+        return self._data if isinstance(self._data, np.ndarray) else self._host_copy
 
     @cached_property
     def _host_copy(self) -> NDArray:
-        return self.data.numpy()
+        return self._data.numpy()
 
     def on(self, device: Any) -> wp.array:
         """The samples as a Warp array (z, y, x) on ``device``; uploaded once and kept.
 
         An axis with one sample has it twice, so that every cell has eight corners.
         """
+        self._lent = True
+        return self.uploaded(device)
+
+    def uploaded(self, device: Any) -> wp.array:
+        """As :meth:`on`, for readers, who do not write."""
         device = get_device(device)
         if device.alias not in self._device_arrays:
-            source = self.data
+            source = self._data
             if 1 in self.shape:
-                source = self.numpy()
+                source = self.host()
                 for axis in range(3):
                     source = np.repeat(source, 2, axis) if source.shape[axis] == 1 else source
             if isinstance(source, np.ndarray):
@@ -170,10 +188,81 @@ class Volume:
             self._device_arrays[device.alias] = source if source.device == device else wp.clone(source, device=device)
         return self._device_arrays[device.alias]
 
+    def changed(self) -> None:
+        """Say that somebody wrote into the samples: ranges and whatever else depends on them are made anew.
+
+        A renderer looks for changes itself, before each frame, by a checksum (0.1 ms a megabyte); what it notices
+        counts as a call of this. Arrays that are read-only, or that only the volume refers to, are not looked at.
+        Until either, ``range`` and ``has_nonfinite`` are those of the samples before.
+
+        Raises
+        ------
+        ValueError
+            Where NaN or infinite samples were written into a volume with ``nan="error"``.
+        """
+        self.version += 1
+        self._checksum = None
+        self._device_arrays.clear()
+        self._scaled.clear()
+        for derived in ("has_nonfinite", "range", "_host_copy"):
+            vars(self).pop(derived, None)
+        self._check_finite()
+
+    def look(self) -> None:
+        """Notice what was written into the samples since this was called last, or since the volume was made."""
+        shared = not self._alone()
+        if self._shared or shared:
+            now = checksum(self._data)
+            if now != self._checksum:
+                # At first too: what was found out when the volume was made may be out of date.
+                self.changed()
+            self._checksum = now
+        self._shared = shared
+
+    def _alone(self) -> bool:
+        """Whether nobody else can write to the samples: read-only memory, or an array that only this volume has."""
+        if not isinstance(self._data, np.ndarray):
+            return False
+        if not _writable(self._data):
+            return True
+        borrowed = sum(getattr(array, "_owner", None) is self._data for array in self._device_arrays.values())
+        return not self._lent and self._data.base is None and _references(vars(self)) <= ALONE + borrowed
+
+    @property
+    def half(self) -> Grid:
+        return Grid(wp.dtype_from_numpy(self.dtype), not self.has_nonfinite)
+
+    @property
+    def shifts(self) -> bool:  # type: ignore[override]
+        return self.dtype.kind == "f"
+
+    @property
+    def whole(self) -> bool:  # type: ignore[override]
+        return not self.shifts
+
+    @property
+    def nbytes(self) -> int:  # type: ignore[override]
+        return self.host().nbytes
+
+    def part(self) -> Data:
+        """The samples as a part that renderers keep."""
+        return Data(self, self.version)
+
+    def struct(self, keep: Keeper, shift: float) -> Any:
+        return samples_struct(keep(self.part()), shift)
+
+    def blocks(self) -> Ranges:
+        return Ranges(self.part())
+
+    def scaled(self, exponent: int) -> Volume:
+        """The same with samples times ``2**exponent``, in float64; kept until the samples change."""
+        if exponent not in self._scaled:
+            samples = np.ldexp(self.host().astype(np.float64), exponent)
+            self._scaled = {exponent: Volume(samples, self.spacing, self.origin, self.direction, self.nan)}
+        return self._scaled[exponent]
+
     @classmethod
-    def from_pyvista(
-        cls, image_data: pv.ImageData, scalars: str | None = None, nan: Literal["error", "transparent"] = "error"
-    ) -> Volume:
+    def from_pyvista(cls, image_data: pv.ImageData, scalars: str | None = None, nan: NanPolicy = "error") -> Volume:
         """The volume of a PyVista ``ImageData``; see :func:`wvr.io.from_pyvista`."""
         from .interop import from_pyvista
 
@@ -188,11 +277,32 @@ class Volume:
     def __getstate__(self) -> dict[str, Any]:
         """What is pickled: the samples as NumPy holds them, nothing of any device."""
         state = {name: value for name, value in vars(self).items() if name != "_host_copy"}
-        return state | {"data": self.numpy(), "_device_arrays": {}}
+        return state | {"_data": self.host(), "_device_arrays": {}, "_scaled": {}, "_checksum": None}
 
     def __repr__(self) -> str:
         nz, ny, nx = self.shape
         return f"Volume({nx} x {ny} x {nz} {self.dtype}, spacing={tuple(self.spacing.tolist())})"
+
+
+def _references(attributes: dict[str, Any]) -> int:
+    """How many references there are to an object's samples, as Python counts them."""
+    data = attributes["_data"]
+    return sys.getrefcount(data)
+
+
+# Of samples that nobody else refers to.
+ALONE = _references({"_data": np.empty(0)})
+
+
+def _writable(array: NDArray) -> bool:
+    """Whether an array, or one that it is a view of, can be written to."""
+    while isinstance(array, np.ndarray):
+        if array.flags.writeable:
+            return True
+        if array.base is None:
+            return False
+        array = array.base
+    return True
 
 
 def _direction(matrix: ArrayLike) -> NDArray[np.float64]:
@@ -215,6 +325,8 @@ def _as_data(array: Any) -> Any:
         array = _from_device(array)
     if isinstance(array, np.ndarray):
         _check(array.dtype, array.shape)
+        if type(array) is np.ndarray and array.flags.c_contiguous and array.dtype.isnative:
+            return array
         return np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("="))
     # A Warp array of vectors has no such dtype in NumPy, but one with more axes.
     scalar = getattr(array.dtype, "_wp_scalar_type_", array.dtype)

@@ -1,7 +1,7 @@
 """The command line: ``wvr render``, ``wvr info`` and ``wvr study``.
 
-Results go to stdout, everything else to stderr. Exit codes: 0; 1 where a file, device, memory or
-study fails; 2 for arguments that are not accepted; 130 for Ctrl-C.
+Results go to stdout, everything else to stderr. Exit codes: 0; 1 where a file, device, memory or study fails; 2 for
+arguments that are not accepted; 130 for Ctrl-C.
 """
 
 from .app import app, main

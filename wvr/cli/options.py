@@ -12,10 +12,10 @@ from cyclopts.validators import Number
 
 if TYPE_CHECKING:
     from ..camera import Camera
-    from ..clipping import Clip
+    from ..cuts.base import Clip
     from ..integrators import Integrator
-    from ..lighting import Lighting
-    from ..shadows import ConvolutionShadows
+    from ..light.lighting import Lighting
+    from ..light.shadows import ConvolutionShadows
     from ..transfer_function import TransferFunction
     from ..volume import Volume
 
@@ -47,9 +47,9 @@ def _numbers(text: str, option: str, example: str) -> tuple[Any, ...]:
 
 
 def integrator_of(text: str) -> Integrator:
-    from ..renderer import INTEGRATORS
+    from .. import integrators
 
-    kinds: dict[str, Callable[..., Integrator]] = {kind.__name__.lower(): kind for kind in INTEGRATORS}
+    kinds: dict[str, Callable[..., Integrator]] = {kind.__name__.lower(): kind for kind in integrators.KINDS}
     name, *values = text.split(":")
     if name not in kinds:
         raise ValueError(f"--integrator must start with one of {', '.join(kinds)}, got {text!r}")
@@ -62,7 +62,7 @@ def integrator_of(text: str) -> Integrator:
 
 
 def lighting_of(text: str) -> Lighting:
-    from ..lighting import MODES, Lighting
+    from ..light.lighting import MODES, Lighting
 
     mode, *values = text.split(":")
     names = ("ambient", "diffuse", "specular", "shininess")
@@ -75,8 +75,8 @@ def lighting_of(text: str) -> Lighting:
 
 
 def shadows_of(text: str) -> ConvolutionShadows:
-    from ..lights import DirectionalLight
-    from ..shadows import ConvolutionShadows
+    from ..light.lights import DirectionalLight
+    from ..light.shadows import ConvolutionShadows
 
     if text == "headlight":
         return ConvolutionShadows()
@@ -93,7 +93,7 @@ def _literal(text: str) -> int | float | str:
 
 
 def clips_of(planes: list[str] | None, boxes: list[str] | None, balls: list[str] | None) -> list[Clip]:
-    from ..clipping import ClipBox, ClipPlane, ClipSphere
+    from ..cuts.shapes import ClipBox, ClipPlane, ClipSphere
 
     def all_numbers(texts: list[str] | None, option: str, example: str) -> list[tuple[Any, ...]]:
         return [_numbers(text, option, example) for text in texts or []]

@@ -41,8 +41,9 @@ def read(path: str | os.PathLike[str], scalars: str | None = None, nan: NanPolic
     Returns
     -------
     Volume
-        ``array[z, y, x]`` in the file's dtype (see the module's notes for the exceptions) and world coordinates. TIFF
-        spacing is known from ImageJ and OME files only, NumPy files have none: 1.
+        ``array[z, y, x]`` in the file's dtype (but for bool and wide integers, which become the smallest dtype that
+        holds every value) and world coordinates. TIFF spacing is known from ImageJ and OME files only, NumPy files have
+        none: 1.
 
     Raises
     ------

@@ -1,0 +1,1 @@
+"""The scalar field: samples, cells, blocks of cells, and rays that walk through them."""

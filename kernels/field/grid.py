@@ -1,0 +1,42 @@
+"""The device half of a field: what kernels ask of it, and the only place that knows how samples lie in memory."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from .cell import make_centered, make_cubic, make_extent
+from .samples import make_differences, make_samples, make_value
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The device half of samples on a regular grid. Halves of other fields have the same attributes and methods.
+
+    ``Struct`` has at least ``last``, the last cell along x, y, z.
+    """
+
+    dtype: type  # of the stored samples
+    finite: bool  # no sample is NaN or infinite
+
+    @property
+    def Struct(self) -> Any:
+        return make_samples(self.dtype)
+
+    def value(self, real: type) -> Any:
+        """``value(field, p)`` -> ``real``, the field at index coordinates p."""
+        return make_value(self.dtype, real)
+
+    def differences(self, real: type, kind: str) -> Any:
+        """``differences(field, p)`` -> its gradient there, per index; ``kind`` is "central" or "cell"."""
+        return make_differences(self.dtype, real, kind)
+
+    def cubic(self) -> Any:
+        """``cubic(field, i, j, k, p, d)`` -> vec4d, it in a cell along p + t d, p from the cell's first corner."""
+        return make_cubic(self.dtype)
+
+    def centered(self) -> Any:
+        """``centered(field, i, j, k, p, d, h)`` -> vec4d, the same about p over v = t / h in [-1, 1]."""
+        return make_centered(self.dtype)
+
+    def extent(self) -> Any:
+        """``extent(field, i, j, k)`` -> lowest, highest corner of a cell."""
+        return make_extent(self.dtype)

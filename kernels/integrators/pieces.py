@@ -1,0 +1,281 @@
+"""Pieces of ray in a cell, from control point to control point of the transfer function, as exact as float64 is.
+
+On such a piece the scalar s is a cubic in the length u from its start, extinction and colour are linear in s, and the
+optical depth D is a quartic in closed form. What the piece adds of colour is
+``int c tau exp(-D) du = c0 (1 - exp(-D)) + c' int (s - s0) tau exp(-D) du``; quadrature is left with the last integral,
+whose terms have one sign where s is monotone. Where there is light, which is no polynomial, the whole colour is left to
+quadrature, with eight nodes or more.
+"""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+
+from ..field.cell import at, moved, quartic, turns, vec5d, zero
+from ..light.points import make_shading
+from ..segment import make_absorbed, over
+from ..transfer.function import make_transfer
+from ..transfer.linear import CUT, RULES
+
+# Nodes of the Gauss-Legendre rules of ``linear.gauss_nodes`` by optical depth of a piece: (depth up to, rule). The
+# integrand is a polynomial of degree 6 times exp(-quartic). Pieces deeper than the last are cut at multiples of it.
+# 1e-12 of the opacity for any cubic.
+DEPTHS = ((1e-4, 0), (0.01, 1), (2.0, 2), (4.0, 3))
+
+
+@wp.struct
+class Piece:
+    """Of a ray in a cell, where the scalar is the cubic ``s`` of the length from the start."""
+
+    start: wp.vec3d
+    d: wp.vec3d  # direction
+    eye: wp.vec3d  # unit vector towards the viewer, where there is light
+    s: wp.vec4d
+    length: wp.float64
+    blur: wp.float64  # rounding of s, where there is a bound
+
+
+class Jumps(NamedTuple):
+    """Device functions for what rounding of the scalar by up to ``blur`` does.
+
+    ``absolute(v)``: of all channels; ``steepest(slope)``: the largest of the three colours, without sign;
+    ``jump(scene, k, blur)``: what it does on the wrong side of interval k, a unit of length, if that is a jump or so
+    narrow that rounding may miss it; ``fuzzy(scene, s, blur)``: the same of all intervals within ``blur`` of s;
+    ``smeared(scene, k, length, A, blur)``: within interval k, over a length in which the opacity is A.
+    """
+
+    absolute: Any
+    steepest: Any
+    jump: Any
+    fuzzy: Any
+    smeared: Any
+
+
+@cache
+def make_jumps(halves):
+    """The ``Jumps`` of a kernel."""
+    real = wp.float64
+    Scene = halves.Scene
+    _, interval, _ = make_transfer(real)
+
+    @wp.func
+    def absolute(v: wp.vec4d):
+        return wp.vec4d(wp.abs(v[0]), wp.abs(v[1]), wp.abs(v[2]), wp.abs(v[3]))
+
+    @wp.func
+    def steepest(slope: wp.vec4d):
+        # Comparisons, since Warp's max also looks for NaN.
+        size = absolute(slope)
+        most = wp.where(size[0] > size[1], size[0], size[1])
+        return wp.where(size[2] > most, size[2], most)
+
+    @wp.func
+    def jump(scene: Scene, k: int, blur: real):
+        size = real(0.0)
+        if k > 0 and k < scene.transfer.knot.shape[0] - 1:
+            if scene.transfer.knot[k + 1] - scene.transfer.knot[k] <= real(4.0) * blur:
+                low = scene.transfer.value[k]
+                high = scene.transfer.value[k + 1]
+                most = wp.where(high[3] > low[3], high[3], low[3])
+                size = scene.march.brightest * wp.abs(high[3] - low[3]) + steepest(high - low) * most
+        return size
+
+    @wp.func
+    def fuzzy(scene: Scene, s: real, blur: real):
+        last = scene.transfer.knot.shape[0] - 1
+        k = interval(scene.transfer, s)
+        size = jump(scene, k, blur)
+        j = k
+        while j > 0 and s - scene.transfer.knot[wp.max(j, 0)] <= blur:
+            j -= 1
+            size += jump(scene, j, blur)
+        j = k
+        while j < last and scene.transfer.knot[wp.max(j + 1, 0)] - s <= blur:
+            j += 1
+            size += jump(scene, j, blur)
+        return size
+
+    @wp.func
+    def smeared(scene: Scene, k: int, length: real, A: real, blur: real):
+        change = absolute(scene.transfer.slope[k]) * (real(2.0) * blur)
+        if k > 0 and k < scene.transfer.knot.shape[0] - 1:
+            # All that there is in the interval.
+            most = absolute(scene.transfer.value[k + 1] - scene.transfer.value[k])
+            for n in range(4):
+                change[n] = wp.where(change[n] < most[n], change[n], most[n])
+        return scene.march.brightest * change[3] * length + steepest(change) * A
+
+    return Jumps(absolute, steepest, jump, fuzzy, smeared)
+
+
+@cache
+def make_pieces(halves):
+    """``piece(scene, here, k)`` -> segment of a ``Piece`` in interval k;
+    ``cut(scene, here)`` -> segment of one in whatever intervals there are, what jumps may be off by, and the number of
+    its pieces.
+    """
+    Scene = halves.Scene
+    _, interval, _ = make_transfer(wp.float64)
+    absorbed, _ = make_absorbed(wp.float64)
+    sizes = [n for _, n in RULES["float64"]]
+    (d0, n0), (d1, n1), (d2, n2), (d3, n3) = [(depth, sizes[rule]) for depth, rule in DEPTHS]
+    o1, o2, o3 = np.cumsum(sizes)[:3].tolist()
+    opaque = CUT["float64"]
+    lighted = halves.light is not None
+    _, gradient, light, lit, _ = make_shading(halves)
+    jumps = make_jumps(halves)
+    jump, fuzzy, smeared = jumps.jump, jumps.fuzzy, jumps.smeared
+    sharp = halves.march.sharp
+
+    @wp.func
+    def unsure(s: wp.vec4d, u: wp.float64, length: wp.float64, blur: wp.float64):
+        """Length about u in which the scalar is within its rounding of what it is at u."""
+        slope = wp.abs(s[1] + u * (wp.float64(2.0) * s[2] + u * wp.float64(3.0) * s[3]))
+        bend = wp.abs(wp.float64(2.0) * s[2] + wp.float64(6.0) * u * s[3])
+        reach = length
+        if wp.float64(8.0) * blur < slope * reach:
+            reach = wp.float64(8.0) * blur / slope
+        if wp.float64(32.0) * blur < bend * reach * reach:
+            reach = wp.sqrt(wp.float64(32.0) * blur / bend)
+        return reach
+
+    @wp.func
+    def quadrature(scene: Scene, here: Piece, tau: wp.vec4d, D: vec5d, front: wp.vec4d, k: int):
+        """Integrals of (s - s0) tau exp(-D), and of c tau exp(-D) where c is lit."""
+        s = here.s
+        depth = quartic(D, here.length)
+        first = int(0)
+        count = int(n0)
+        if depth > wp.float64(d2):
+            first = o3
+            count = n3
+        elif depth > wp.float64(d1):
+            first = o2
+            count = n2
+        elif depth > wp.float64(d0) or wp.static(lighted):
+            first = o1
+            count = n1
+        total = wp.float64(0.0)
+        color = wp.vec4d()
+        start = wp.float64(0.0)
+        reached = wp.float64(0.0)
+        while reached < wp.min(depth, wp.float64(opaque)):
+            stop = here.length
+            reached += wp.float64(d3)
+            if reached < depth:
+                behind = D
+                behind[0] = -reached
+                guess = wp.float64(0.5) * (start + here.length)
+                stop = zero(behind, start, here.length, guess, wp.float64(1.0))
+            for i in range(first, first + count):
+                node = scene.march.nodes[wp.max(i, 0)]
+                u = start + node[0] * (stop - start)
+                risen = u * (s[1] + u * (s[2] + u * s[3]))
+                weight = (stop - start) * node[1] * at(tau, u) * wp.exp(-quartic(D, u))
+                if wp.static(lighted):
+                    q = front + risen * scene.transfer.slope[k]
+                    p = here.start + u * here.d
+                    I = light(scene, p, gradient(scene, p), here.eye)
+                    color += weight * lit(scene, q, k, s[0] + risen, I)
+                else:
+                    total += weight * risen
+            start = stop
+        return total, color
+
+    @wp.func
+    def piece(scene: Scene, given: Piece, k: int):
+        here = given
+        slope = scene.transfer.slope[k]
+        if k > 0 and k < scene.transfer.knot.shape[0] - 1:
+            # It is within the interval but for rounding; and a cubic that is has no larger terms than these.
+            low = scene.transfer.knot[k]
+            high = scene.transfer.knot[k + 1]
+            u = here.length
+            wide = u * (wp.abs(here.s[1]) + u * (wp.abs(here.s[2]) + u * wp.abs(here.s[3])))
+            if wide > wp.float64(64.0) * (high - low):
+                here.s = wp.vec4d(here.s[0], wp.float64(0.0), wp.float64(0.0), wp.float64(0.0))
+            here.s[0] = wp.clamp(here.s[0], low, high)
+        front = scene.transfer.value[k] + (here.s[0] - scene.transfer.knot[k]) * slope
+        tau = slope[3] * here.s
+        # Interpolated towards a knot where it is 0 it may be negative by rounding.
+        tau[0] = wp.max(front[3], wp.float64(0.0))
+        D = vec5d(
+            wp.float64(0.0),
+            tau[0],
+            wp.float64(0.5) * tau[1],
+            wp.float64(wp.static(1.0 / 3.0)) * tau[2],
+            wp.float64(0.25) * tau[3],
+        )
+        A = absorbed(wp.max(quartic(D, here.length), wp.float64(0.0)))
+        segment = A * front
+        if wp.static(lighted):
+            _moment, segment = quadrature(scene, here, tau, D, front, k)
+        elif slope[0] != wp.float64(0.0) or slope[1] != wp.float64(0.0) or slope[2] != wp.float64(0.0):
+            moment, _color = quadrature(scene, here, tau, D, front, k)
+            segment += moment * slope
+            if k > 0 and k < scene.transfer.knot.shape[0] - 1:
+                # Of colours between those of its ends.
+                for n in range(3):
+                    one = A * scene.transfer.value[k][n]
+                    other = A * scene.transfer.value[k + 1][n]
+                    segment[n] = wp.clamp(segment[n], wp.min(one, other), wp.max(one, other))
+        segment[3] = A
+        return segment
+
+    @wp.func
+    def cut(scene: Scene, here: Piece):
+        s = here.s
+        length = here.length
+        blur = here.blur
+        segment = wp.vec4d()
+        error = wp.float64(0.0)
+        count = int(0)
+        last = scene.transfer.knot.shape[0] - 1
+        m = interval(scene.transfer, s[0])
+        first, second = turns(s, length)
+        start = wp.float64(0.0)
+        value = s[0]
+        part = here
+        if wp.static(sharp):
+            error += fuzzy(scene, value, blur) * unsure(s, start, length, blur)
+        for stretch in range(3):
+            # s is monotone up to here.
+            end = length
+            if stretch == 0:
+                end = first
+            elif stretch == 1:
+                end = second
+            final = at(s, end)
+            rises = final > value
+            if wp.static(sharp):
+                error += fuzzy(scene, final, blur) * unsure(s, end, length, blur)
+            while start < end:
+                stop = end
+                knot = scene.transfer.knot[wp.max(wp.where(rises, wp.min(m + 1, last), m), 0)]
+                crosses = wp.where(rises, m < last and knot < final, m > 0 and knot > final)
+                if crosses:
+                    # The secant through both ends is a good guess.
+                    guess = start + (end - start) * (knot - value) / (final - value)
+                    sign = wp.where(rises, wp.float64(1.0), wp.float64(-1.0))
+                    stop = zero(vec5d(s[0] - knot, s[1], s[2], s[3], wp.float64(0.0)), start, end, guess, sign)
+                    value = knot
+                if wp.static(sharp):
+                    error += jump(scene, m, blur) * unsure(s, stop, length, blur)
+                if stop > start and scene.transfer.visible[m] == m:
+                    part.start = here.start + start * here.d
+                    part.s = moved(s, start)
+                    part.length = stop - start
+                    added = piece(scene, part, m)
+                    if wp.static(sharp):
+                        error += smeared(scene, m, part.length, added[3], blur)
+                    segment = over(segment, added)
+                    count += 1
+                start = stop
+                if crosses:
+                    m += wp.where(rises, 1, -1)
+            value = final
+        return segment, error, count
+
+    return piece, cut

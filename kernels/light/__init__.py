@@ -1,0 +1,1 @@
+"""Light: on points, on segments, on its way."""

@@ -1,0 +1,340 @@
+"""Light that travels from slice to slice.
+
+Slices are planes across the axis of a sweep, numbered the way light goes. Light is kept in a frame that travels with
+it: its cells are squares across its own direction, or fan out from the camera for a headlight in perspective, so that
+nothing is displaced, however tilted light is. From slice to slice it obeys ``dL/dl = D laplace(L) - tau L`` by
+splitting (Angelelli and Bruckner 2017, section 3, made convergent): a share of the slab's attenuation, diffusion, the
+rest. The step of diffusion is ``I + G + G^2 / 2``, G the five-point Laplacian: of second order, not only its moments.
+All updates are differences, so that float32 loses nothing where little happens.
+
+Cells go in runs of ``RUN`` along a row, which compilers turn into a few wide instructions. Only tiles with blocks in
+them that are not empty look at the volume, and tiles that no shadow has reached are left as they are.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..cuts.labels import make_label_at
+from ..cuts.volumes import make_shown
+from ..field.blocks import BITS, EMPTY
+from ..field.walk import make_walk
+from ..precision import vec3_of
+from ..segment import make_absorbed
+from ..transfer.function import make_transfer
+from ..transfer.lookup import make_table
+
+RUN = wp.constant(8)
+# Slabs and rows of a tile, which has the columns of a run.
+SLABS = wp.constant(8)
+ROWS = wp.constant(4)
+# Cells of full light around all others, so that none has to ask whether it has neighbours; one run to either side.
+BORDER = wp.constant(2)
+
+
+@wp.struct
+class Sweep:
+    """Depth z along the axis and all lengths in units of the smallest voxel spacing."""
+
+    start: wp.float64  # z of slice 0
+    thickness: wp.float64  # of a slab
+    slices: int
+    parts: int  # that a slab is sampled in
+    ahead: wp.vec3d  # z = dot(ahead, p) + offset, p in index coordinates
+    offset: wp.float64
+    diverging: bool  # a cell's width grows with z, and is that at z = 1
+    across: wp.mat33d  # rows 0, 1: u, v = across p + shift; over z if diverging; then less corner
+    shift: wp.vec3d
+    corner: wp.vec2d  # u, v of cell (0, 0)
+    origin: wp.vec3d  # p = origin + z along + (u + corner) side[0] + (v + corner) side[1]; times z if diverging
+    along: wp.vec3d
+    side: wp.mat33d  # columns 0, 1
+    slant: wp.float64  # length of light's way over that along the axis
+    widening: wp.float64  # square of a cell's width where z = 1, if diverging
+    before: wp.float64  # share of a slab's attenuation before diffusion
+    after: wp.float64
+    front: bool  # slabs are seen by the light at their front alone
+
+
+@dataclass(frozen=True)
+class Half:
+    """The device half of a sweep, in place of an integrator's: what ``scene.march`` is, and how tissue is seen."""
+
+    preintegrated: bool  # by a table of the scalars at both ends, else by the scalar in the middle
+
+    @property
+    def tabled(self):
+        return self.preintegrated
+
+    def Struct(self, halves):
+        return Sweep
+
+
+@wp.struct
+class Shade:
+    """Where light may be shaded."""
+
+    occupied: wp.array3d(dtype=wp.uint8)  # [z, y, x] of tiles
+    touched: wp.array2d(dtype=wp.uint8)  # of tiles, with a border of one: which may have less than full light
+
+
+def run_of(real):
+    """Light of a run of cells."""
+    return wp.types.vector(int(RUN), real)
+
+
+@cache
+def make_state(real):
+    """The struct of the light that travels, in runs of cells."""
+    Run = run_of(real)
+
+    @wp.struct
+    class State:
+        light: wp.array3d(dtype=Run)  # two slices, by turns what is and what becomes, with a border
+        rest: wp.array2d(dtype=Run)  # of a slab's attenuation, after diffusion
+        stack: wp.array3d(dtype=Run)  # slices that are through
+
+    return State
+
+
+@cache
+def make_there(halves):
+    """``there(scene, p)``: the transfer function of a point that clips and labels leave, negative for others."""
+    Scene = halves.Scene
+    vec3 = vec3_of(halves.real)
+    cuts = halves.cuts
+    clipped = cuts.naive
+    labelled = cuts.labels is not None
+    shown = make_shown(cuts.kinds, cuts.volumes)
+    label_at = make_label_at(cuts.labels or wp.uint8, halves.real)
+
+    @wp.func
+    def there(scene: Scene, p: vec3):
+        state = int(0)
+        if wp.static(clipped or labelled):
+            place = wp.vec3d(p)
+            if wp.static(clipped):
+                if not shown(scene.cuts.clipping, place):
+                    return -1
+            if wp.static(labelled):
+                state = label_at(scene.cuts.labels, place)
+                if state >= scene.cuts.labels.transfers.shape[0]:
+                    state = -1
+        return state
+
+    return there
+
+
+@cache
+def make_travel(halves):
+    """The kernels ``occupy`` and ``travel`` of a sweep."""
+    real = halves.real
+    vec3 = vec3_of(real)
+    Run = run_of(real)
+    State = make_state(real)
+    preintegrated = halves.march.preintegrated
+    finite = halves.field.finite
+    labelled = halves.cuts.labels is not None
+    Scene = halves.Scene
+    value = halves.field.value(real)
+    _, lookup = make_table(real)
+    _, interval, _ = make_transfer(real)
+    absorbed, _ = make_absorbed(real)
+    _, enter, _, skip = make_walk(real)
+    there = make_there(halves)
+
+    @wp.func
+    def on1(a: Run, b: Run):
+        return Run(a[1], a[2], a[3], a[4], a[5], a[6], a[7], b[0])
+
+    @wp.func
+    def on2(a: Run, b: Run):
+        return Run(a[2], a[3], a[4], a[5], a[6], a[7], b[0], b[1])
+
+    @wp.func
+    def back1(a: Run, b: Run):
+        return Run(a[7], b[0], b[1], b[2], b[3], b[4], b[5], b[6])
+
+    @wp.func
+    def back2(a: Run, b: Run):
+        return Run(a[6], a[7], b[0], b[1], b[2], b[3], b[4], b[5])
+
+    @wp.func
+    def way_of(sweep: Sweep, z: wp.float64, i: int, j: int):
+        """Where a cell is at depth z, the way of its light per unit of depth, and that way's length."""
+        u = wp.float64(i) + sweep.corner[0]
+        v = wp.float64(j) + sweep.corner[1]
+        w = u * wp.vec3d(sweep.side[0, 0], sweep.side[1, 0], sweep.side[2, 0]) + v * wp.vec3d(
+            sweep.side[0, 1], sweep.side[1, 1], sweep.side[2, 1]
+        )
+        p = sweep.origin + z * sweep.along
+        if sweep.diverging:
+            return p + z * w, sweep.along + w, wp.sqrt(wp.float64(1.0) + sweep.widening * (u * u + v * v))
+        return p + w, sweep.along, sweep.slant
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def occupy(base: int, scene: Scene, result: wp.array3d(dtype=wp.uint8)):
+        """Whether the smallest box around a tile has a block in it that is not empty."""
+        sweep = scene.march
+        item = wp.tid() + base
+        row = item // result.shape[2]
+        tile = row // result.shape[1]
+        i = (item - row * result.shape[2]) * RUN
+        j = (row - tile * result.shape[1]) * ROWS
+        low = wp.vec3d(wp.float64(wp.inf))
+        high = -low
+        for c in range(8):
+            slab = (tile + c // 4) * SLABS
+            z = sweep.start + wp.float64(slab) * sweep.thickness
+            p, _way, _length = way_of(sweep, z, i + (c & 1) * (RUN - 1), j + (c // 2 & 1) * (ROWS - 1))
+            low = wp.min(low, p)
+            high = wp.max(high, p)
+        occupied = bool(True)
+        first = wp.vec3i()
+        last = wp.vec3i()
+        for a in range(3):
+            # As much wider as positions may be rounded.
+            margin = wp.float64(1.0e-3)
+            occupied = (
+                occupied and high[a] + margin >= scene.view.seen_low[a] and low[a] - margin <= scene.view.seen_high[a]
+            )
+            most = wp.float64(scene.field.last[a])
+            first[a] = int(wp.clamp(low[a] - margin, wp.float64(0.0), most)) >> BITS
+            last[a] = int(wp.clamp(high[a] + margin, wp.float64(0.0), most)) >> BITS
+        if wp.static(halves.skip):
+            if occupied:
+                occupied = bool(False)
+                for bk in range(first[2], last[2] + 1):
+                    for bj in range(first[1], last[1] + 1):
+                        for bi in range(first[0], last[0] + 1):
+                            occupied = occupied or int(scene.blocks.kinds[bk, bj, bi]) > EMPTY
+        result[tile, row - tile * result.shape[1], i // RUN] = wp.uint8(wp.where(occupied, 1, 0))
+
+    @wp.func
+    def depth(scene: Scene, p: vec3, d: vec3, length: real, parts: int):
+        """Optical depth of the straight way from p to p + d, as much of it as is inside the box."""
+        a = real(0.0)
+        b = real(1.0)
+        for c in range(3):
+            low = real(scene.view.seen_low[c]) - p[c]
+            high = real(scene.view.seen_high[c]) - p[c]
+            if wp.where(d[c] < real(0.0), d[c], real(0.0)) < low or wp.where(d[c] > real(0.0), d[c], real(0.0)) > high:
+                if d[c] == real(0.0):
+                    return real(0.0)
+                t0 = low / d[c]
+                t1 = high / d[c]
+                a = wp.max(a, wp.min(t0, t1))
+                b = wp.min(b, wp.max(t0, t1))
+        if b <= a:
+            return real(0.0)
+        if wp.static(halves.skip):
+            if skip(scene.blocks.kinds, enter(scene.field.last, p, d, a), b).t >= b:
+                return real(0.0)
+        h = (b - a) / real(parts)
+        total = real(0.0)
+        front = real(0.0)
+        if wp.static(preintegrated):
+            front = value(scene.field, p + a * d)
+        for n in range(parts):
+            t = a + real(n) * h
+            if wp.static(preintegrated):
+                back = value(scene.field, p + (t + h) * d)
+                state = there(scene, p + (t + real(0.5) * h) * d)
+                if state >= 0 and (wp.static(finite) or (wp.isfinite(front) and wp.isfinite(back))):
+                    if wp.static(labelled):
+                        scene.table = scene.cuts.labels.tables[state]
+                    total += wp.max(lookup(scene.table, front, back)[3], real(0.0))
+                front = back
+            else:
+                s = value(scene.field, p + (t + real(0.5) * h) * d)
+                state = there(scene, p + (t + real(0.5) * h) * d)
+                if state >= 0 and (wp.static(finite) or wp.isfinite(s)):
+                    if wp.static(labelled):
+                        scene.transfer = scene.cuts.labels.transfers[state]
+                    k = interval(scene.transfer, s)
+                    total += wp.max(
+                        scene.transfer.value[k][3] + (s - scene.transfer.knot[k]) * scene.transfer.slope[k][3],
+                        real(0.0),
+                    )
+        return total * h * length
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def travel(
+        base: int,
+        slab: int,
+        q: real,
+        source: int,
+        slot: int,
+        scenes: wp.array(dtype=Scene),
+        shade: Shade,
+        state: State,
+    ):
+        """Diffusion by a variance of q, at most 1/2, along each axis, of light that is through with the slab's first
+        share of attenuation. If a ``slot`` of the stack is given, diffusion is done: the rest of attenuation, and the
+        first share of the next slab's. ``touched`` tiles, with a border of one, may have less than full light.
+        """
+        item = wp.tid() + base
+        j = item // state.rest.shape[1]
+        i = item - j * state.rest.shape[1]
+        shaded = bool(False)  # by the next slab, perhaps
+        if slot >= 0 and slab + 1 < shade.occupied.shape[0] * SLABS:
+            shaded = shade.occupied[(slab + 1) // SLABS, j // ROWS, i] != wp.uint8(0)
+        if not shaded and shade.touched[j // ROWS + 1, i + 1] == wp.uint8(0):
+            # Full light is left as it is.
+            if slot >= 0:
+                state.stack[slot, j, i] = Run(real(1.0))
+            return
+        y = j + BORDER
+        x = i + 1
+        L = state.light[source, y, x]
+        west = state.light[source, y, x - 1]
+        east = state.light[source, y, x + 1]
+        # Of the rows above and below together.
+        rows = state.light[source, y - 1, x] + state.light[source, y + 1, x]
+        rows_west = state.light[source, y - 1, x - 1] + state.light[source, y + 1, x - 1]
+        rows_east = state.light[source, y - 1, x + 1] + state.light[source, y + 1, x + 1]
+        near = rows + back1(west, L) + on1(L, east)
+        far = state.light[source, y - 2, x] + state.light[source, y + 2, x] + back2(west, L) + on2(L, east)
+        corners = back1(rows_west, rows) + on1(rows, rows_east)
+        four = real(4.0) * L
+        L += q * ((real(0.5) - q) * (near - four) + q * (real(0.125) * (far - four) + real(0.25) * (corners - four)))
+        if slot >= 0:
+            if slab >= 0:
+                if shade.occupied[slab // SLABS, j // ROWS, i] != wp.uint8(0):
+                    L -= wp.cw_mul(L, state.rest[j, i])
+            state.stack[slot, j, i] = L
+            if shaded:
+                scene = scenes[0]
+                sweep = scene.march
+                A = Run()
+                B = Run()
+                z = sweep.start + wp.float64(slab + 1) * sweep.thickness
+                cells = int(RUN)  # not a constant: the loop stays one
+                for n in range(cells):
+                    # What is left behind a transparency of 1e-6 can be seen by nobody.
+                    if L[n] > real(1.0e-6):
+                        p, d, slant = way_of(sweep, z, i * RUN + n, j)
+                        d *= sweep.thickness
+                        D = depth(
+                            scene,
+                            vec3(p),
+                            vec3(d),
+                            real(slant * sweep.thickness),
+                            sweep.parts,
+                        )
+                        if D > real(0.0):
+                            A[n] = absorbed(real(sweep.before) * D)
+                            B[n] = absorbed(real(sweep.after) * D)
+                L -= wp.cw_mul(L, A)
+                state.rest[j, i] = B
+        state.light[1 - source, y, x] = L
+        if wp.min(L) < real(1.0):
+            # Diffusion reaches two cells.
+            above = (j - 2 + ROWS) // ROWS
+            below = (j + 2) // ROWS + 1
+            for c in range(3):
+                shade.touched[above, i + c] = wp.uint8(1)
+                shade.touched[below, i + c] = wp.uint8(1)
+
+    return occupy, travel

@@ -1,0 +1,1 @@
+"""Transfer functions: exact, pre-integrated, looked up."""

@@ -1,0 +1,37 @@
+"""A cheap checksum of an array's memory, to notice that somebody wrote into it: 0.1 ms a megabyte."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+# Words go into so many sums by turns. Primes, of which one divides none of an array's axes: rows or planes that change
+# places are noticed.
+SUMS = (4093, 4091, 4079, 4073)
+
+
+def checksum(data: Any) -> bytes:
+    """Of a C-contiguous NumPy or Warp array, of three axes at most."""
+    number = next(prime for prime in SUMS if all(n % prime for n in data.shape))
+    if isinstance(data, np.ndarray):
+        content = data.reshape(-1).view(np.uint8)
+        words = content[: content.size // 8 * 8].view(np.uint64)
+        rows = len(words) // number
+        sums = np.add.reduce(words[: rows * number].reshape(rows, number), axis=0)
+        return sums.tobytes() + words[rows * number :].tobytes() + content[content.size // 8 * 8 :].tobytes()
+    words = wp.array(ptr=data.ptr, dtype=wp.uint64, shape=data.capacity // 8, device=data.device)
+    sums = wp.empty(number, dtype=wp.uint64, device=data.device)
+    wp.launch(_sum, number, [words, sums], device=data.device)
+    rest = wp.array(ptr=data.ptr + words.size * 8, dtype=wp.uint8, shape=data.capacity % 8, device=data.device)
+    return sums.numpy().tobytes() + rest.numpy().tobytes()
+
+
+@wp.kernel(enable_backward=False)
+def _sum(words: wp.array(dtype=wp.uint64), sums: wp.array(dtype=wp.uint64)):  # type: ignore[valid-type]
+    n = wp.tid()
+    total = wp.uint64(0)
+    for i in range(n, words.shape[0], sums.shape[0]):  # type: ignore[arg-type]
+        total += words[i]
+    sums[n] = total

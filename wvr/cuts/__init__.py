@@ -1,0 +1,1 @@
+"""What cuts a ray into stretches: clips and labels."""

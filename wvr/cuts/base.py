@@ -1,0 +1,60 @@
+"""Clips: what of a volume is cut away. Several leave what all of them do. Lengths and positions are world units.
+
+Every integrator cuts the ray itself, exactly, and integrates what is left as it does a whole ray; ``naive=True`` is the
+way that leaves slices: whole samples are dropped. A cut face is lit by the cut's normal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ..scene import Scene
+
+Floats = NDArray[np.float64]
+
+
+class Clip:
+    """What all clips have: whether they keep what is outside (``invert``) and leave out whole samples (``naive``)."""
+
+    invert: bool
+    naive: bool
+    #: How a segment is cut, of clips that cut segments instead of rays.
+    parts: str | None = None
+
+    def check(self, scene: Scene) -> None:
+        """Say so where the scene's other pieces do not go with this one."""
+        if self.parts is not None and scene.lighting is not None:
+            raise ValueError("clip with parts is for segments without light, got a lighting")
+
+
+@dataclass(frozen=True)
+class Shape(Clip):
+    """A convex shape: that of its device ``half`` (as of ``kernels.cuts.shapes``) under an affine map, which a subclass
+    defines.
+    """
+
+    half: ClassVar[Any]
+    world_to_shape: Floats = field(init=False, repr=False, compare=False)
+
+    def define(self, matrix: Floats, offset: Floats, **vectors: Floats) -> None:
+        """The map: p in the world to ``matrix @ p + offset``. Equal vectors make equal clips; arrays would not."""
+        for name, vector in vectors.items():
+            object.__setattr__(self, name, tuple(vector.tolist()))
+        object.__setattr__(self, "world_to_shape", np.column_stack([matrix, offset]))
+
+
+def clip_list(clip: object) -> tuple[Clip, ...]:
+    """None, a clip or several of them as a tuple."""
+    clips: list[Any] = [] if clip is None else list(clip) if isinstance(clip, list | tuple) else [clip]
+    for one in clips:
+        if not isinstance(one, Clip):
+            raise TypeError(
+                f"clip must be None, one of ClipPlane, ClipBox, ClipSphere, ClipVolume or another Clip, or a list of "
+                f"them, got {one!r}"
+            )
+    return tuple(clips)

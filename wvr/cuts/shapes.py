@@ -1,0 +1,122 @@
+"""Convex shapes that clip. Lengths and positions are world units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..kernels.cuts.shapes import BOX, PLANE, SPHERE
+from ..kernels.cuts.shapes import Shape as Half
+from ..validation import finite_vector, positive
+from .base import Shape
+
+
+@dataclass(frozen=True)
+class ClipPlane(Shape):
+    """Keeps the side of a plane that its normal points to, as VTK does.
+
+    Parameters
+    ----------
+    point
+        Any point of the plane [world coordinates].
+    normal
+        Direction of any length but zero.
+    invert
+        Keep the other side.
+    naive
+        Leave out whole samples instead of cutting the ray: a segment is there, all of it, where its sample is kept
+        (the first one, of rules with samples at both ends). For Riemann, Simpson and Preintegrated.
+
+    Raises
+    ------
+    ValueError
+        For a zero normal, NaN or infinite numbers.
+    """
+
+    point: ArrayLike
+    normal: ArrayLike
+    invert: bool = False
+    naive: bool = False
+    half: ClassVar[Half] = PLANE
+
+    def __post_init__(self) -> None:
+        point = finite_vector(self.point, "point", "a point of the plane")
+        normal = finite_vector(self.normal, "normal", "a direction that is not zero")
+        if not np.any(normal):
+            raise ValueError(f"normal must not be zero, got {self.normal!r}")
+        # Scaled first, so that no square under- or overflows.
+        unit = normal / np.abs(normal).max()
+        unit /= np.linalg.norm(unit)
+        matrix, offset = np.zeros((3, 3)), np.zeros(3)
+        matrix[0], offset[0] = unit, -unit @ point
+        self.define(matrix, offset, point=point, normal=normal)
+
+
+@dataclass(frozen=True)
+class ClipBox(Shape):
+    """Keeps a box along the world's axes.
+
+    Parameters
+    ----------
+    lo, hi
+        Its corners, lo < hi along each axis [world coordinates].
+    invert
+        Keep what is outside.
+    naive
+        As of :class:`ClipPlane`.
+
+    Raises
+    ------
+    ValueError
+        For lo >= hi along an axis, NaN or infinite numbers.
+    """
+
+    lo: ArrayLike
+    hi: ArrayLike
+    invert: bool = False
+    naive: bool = False
+    half: ClassVar[Half] = BOX
+
+    def __post_init__(self) -> None:
+        lo = finite_vector(self.lo, "lo", "the lower corner of the box")
+        hi = finite_vector(self.hi, "hi", "the upper corner of the box")
+        if np.any(lo >= hi):
+            raise ValueError(f"lo must be below hi along x, y and z, got lo = {self.lo!r} and hi = {self.hi!r}")
+        half = (hi - lo) / 2
+        self.define(np.diag(1 / half), -(lo + half) / half, lo=lo, hi=hi)
+
+
+@dataclass(frozen=True)
+class ClipSphere(Shape):
+    """Keeps a ball.
+
+    Parameters
+    ----------
+    center
+        [world coordinates].
+    radius
+        [world length], > 0.
+    invert
+        Keep what is outside.
+    naive
+        As of :class:`ClipPlane`.
+
+    Raises
+    ------
+    ValueError
+        For a radius that is not > 0, NaN or infinite numbers.
+    """
+
+    center: ArrayLike
+    radius: float
+    invert: bool = False
+    naive: bool = False
+    half: ClassVar[Half] = SPHERE
+
+    def __post_init__(self) -> None:
+        center = finite_vector(self.center, "center", "the centre of the sphere")
+        radius = positive(self.radius, "radius")
+        self.define(np.eye(3) / radius, -center / radius, center=center)

@@ -1,0 +1,1 @@
+"""The scalar field on its way to the device."""

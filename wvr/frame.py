@@ -1,0 +1,242 @@
+"""One image: asks the pieces of a scene for parts and device halves, launches, and lets them report."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from .camera import Camera
+from .cuts.labels import label_struct
+from .cuts.volumes import clip_dtype, clip_kinds, clipping_struct
+from .field.base import Field
+from .field.blocks import Seen
+from .image import Image
+from .keep import Keeper
+from .kernels.cuts.stretches import Cuts
+from .kernels.integrators.steps import Step
+from .kernels.precision import REALS, vec4_of
+from .kernels.ray import View, item
+from .kernels.raycast import make_raycast
+from .kernels.scene import Halves
+from .launch import launch, launch_pixels
+from .light.sweep import AHEAD, Sweeping, shade
+from .scene import Scene
+from .transfer.function import struct_of
+
+Tracer = Callable[[int, int], NDArray[np.void]]
+
+
+class Frame:
+    """A scene seen by a camera in so many pixels.
+
+    Attributes
+    ----------
+    error_bound
+        Of the image, once it is there; None where the integrator gives none.
+    """
+
+    def __init__(self, scene: Scene, camera: Camera, size: tuple[int, int], keep: Keeper):
+        self.given = scene
+        self.scene = scene.normal
+        self.camera = camera
+        self.width, self.height = size
+        self.keep = keep
+        self.device = keep.device
+        self.error_bound: NDArray[np.float32] | None = None
+
+    def render(self) -> Image:
+        """The image."""
+        start = perf_counter()
+        scene, integrator = self.scene, self.scene.integrator
+        self._check_memory()
+        shown = integrator.shown(scene)
+        stats: dict[str, Any]
+        if scene.shadows is not None and scene.shadows.alone:
+            rgba = wp.empty((self.height, self.width), dtype=vec4_of(REALS[shown]), device=self.device)
+            shaded = shade(self, rgba, shown)
+            stats = shaded.stats | {"seconds": shaded.stats["seconds_shadows"], "integrator": repr(scene.shadows)}
+            stats["bytes"] = scene.volume.nbytes + rgba.capacity + shaded.samples.nbytes + AHEAD
+            return self._image(rgba, shaded.samples, shown, stats, None)
+        precision = integrator.precision(scene)
+        halves = self.halves(REALS[precision], integrator.half(scene))
+        struct, seen = self.struct(halves)
+        rgba = wp.empty((self.height, self.width), dtype=vec4_of(halves.real), device=self.device)
+        samples = wp.empty((self.height, self.width), dtype=int, device=self.device)
+        shape = (self.height, self.width) if halves.march.bounded else (1, 1)
+        bounds = wp.zeros(shape, dtype=wp.float32, device=self.device)
+        wp.synchronize_device(self.device)
+        prepared = perf_counter()
+        launch_pixels(make_raycast(halves), [struct, rgba, samples, bounds], self.device, struct.view)
+        wp.synchronize_device(self.device)
+        end = perf_counter()
+        stats = {
+            "seconds": end - start,
+            "seconds_prepare": prepared - start,
+            "seconds_raycast": end - prepared,
+            "skipped": seen.skipped,
+            "bytes": scene.volume.nbytes + rgba.capacity + samples.capacity,
+            "integrator": repr(integrator),
+        }
+        if scene.shadows is not None:
+            stats |= shade(self, rgba, shown).stats
+            stats["seconds"] += stats["seconds_shadows"]
+            stats["bytes"] += AHEAD
+        if halves.march.bounded:
+            self.error_bound = bounds.numpy()
+        counts = samples.numpy()
+        tracer = self._tracer(counts) if integrator.traces else None
+        return self._image(rgba, counts, shown, stats | integrator.report(self), tracer)
+
+    def _image(
+        self, rgba: wp.array, samples: NDArray[np.int32], shown: str, stats: dict[str, Any], tracer: Tracer | None
+    ) -> Image:
+        stats |= {
+            "rays": self.width * self.height,
+            "samples": int(samples.sum(dtype=np.int64)),
+            "device": self.device.name,
+            "precision": shown,
+        }
+        pixels = rgba.numpy().astype(shown, copy=False)
+        return Image(pixels, samples, self.error_bound, stats, self.scene.background, tracer)
+
+    def halves(self, real: type, march: Any) -> Halves:
+        """What a kernel with a ``march`` in a precision is made of."""
+        scene = self.scene
+        clips, labels = scene.clips, scene.segmentation
+        cuts = Cuts(
+            clip_kinds(clips),
+            wp.dtype_from_numpy(clip_dtype(clips)),
+            clipped=any(not clip.naive and clip.parts is None for clip in clips),
+            naive=any(clip.naive for clip in clips),
+            parts=next((clip.parts for clip in clips if clip.parts is not None), None),
+            labels=None if labels is None else wp.dtype_from_numpy(labels.states.of_label.dtype),
+        )
+        lighting = scene.lighting
+        light = None if lighting is None else lighting.half(scene, scene.integrator.segments)
+        return Halves(real, scene.volume.half, march, cuts, light, bool(scene.skip_empty))
+
+    def struct(self, halves: Halves, sweep: Sweeping | None = None) -> tuple[Any, Seen]:
+        """The scene's struct for a kernel of these halves, filled, and what there is to see; for the integrator, or a
+        sweep of light.
+        """
+        scene, keep = self.scene, self.keep
+        integrator: Any = scene.integrator if sweep is None else sweep
+        struct = halves.Scene()
+        struct.view = view(scene.volume, self.camera, self.width, self.height)
+        struct.field = scene.volume.struct(keep, scene.shift)
+        ending = integrator.termination(scene) if scene.termination is None else scene.termination
+        struct.opaque = 1.0 - ending
+        march = halves.march.Struct(halves)()
+        for name, value in integrator.numbers(scene, keep).items():
+            setattr(march, name, value)
+        for name, part in integrator.parts(scene).items():
+            setattr(march, name, keep(part))
+        struct.march = march
+        transfers = [struct_of(keep(integrator.function(scene, tf))) for tf in scene.functions]
+        tables = [keep(table) for tf in scene.functions if (table := integrator.table(scene, tf)) is not None]
+        struct.transfer = transfers[0]
+        if tables:
+            struct.table = tables[0]
+        seen = keep(scene.kinds(sweep is not None))
+        struct.blocks = seen.struct
+        low, high = (seen.low, seen.high) if integrator.anywhere else scene.volume.index_box
+        struct.view.seen_low, struct.view.seen_high = wp.vec3d(*low), wp.vec3d(*high)
+        if scene.segmentation is not None:
+            struct.cuts.labels = label_struct(scene.segmentation, seen, transfers, tables, halves, keep)
+        if scene.clips:
+            to_world = scene.volume.index_to_world
+            struct.cuts.clipping = clipping_struct(scene.clips, to_world, keep, naive=sweep is not None)
+        if scene.lighting is not None:
+            struct.light = scene.lighting.struct(scene, self.device)
+        return struct, seen
+
+    def _tracer(self, samples: NDArray[np.int32]) -> Tracer:
+        """Steps of the ray of a pixel, by rendering it once more; a ray has no more steps than samples."""
+        scene, camera, size = self.scene, self.camera, (self.width, self.height)
+        # Parts of its own: those of the renderer may be another scene's by then.
+        keep = Keeper(self.device)
+        volumes = self.given.volumes()
+        versions = [volume.version for volume in volumes]
+
+        def trace(x: int, y: int) -> NDArray[np.void]:
+            for volume in volumes:
+                volume.look()
+            if [volume.version for volume in volumes] != versions:
+                raise ValueError("trace needs the samples that the image was made of, which somebody wrote into since")
+            frame = Frame(scene, camera, size, keep)
+            halves = frame.halves(REALS[scene.integrator.precision(scene)], scene.integrator.half(scene))
+            halves = replace(halves, traced=True)
+            struct, _ = frame.struct(halves)
+            keep.end_of_frame()
+            steps = wp.zeros(int(samples[y, x]), dtype=Step, device=keep.device)
+            struct.trace.steps = steps
+            rgba = wp.empty(samples.shape, dtype=vec4_of(halves.real), device=keep.device)
+            counts = wp.empty(samples.shape, dtype=int, device=keep.device)
+            bounds = wp.empty((1, 1), dtype=wp.float32, device=keep.device)
+            first = item(samples.shape[1], x, y)
+            launch(make_raycast(halves), 1, [struct, rgba, counts, bounds], keep.device, first=first)
+            taken = steps.numpy()
+            return taken[taken["length"] > 0]
+
+        return trace
+
+    def _check_memory(self) -> None:
+        scene, device = self.scene, self.device
+        volumes = {scene.volume, *(clip.volume for clip in scene.clips if hasattr(clip, "volume"))}
+        needed = sum(one.nbytes for one in volumes) * (not device.is_cpu) + self.width * self.height * 64
+        if scene.segmentation is not None:
+            needed += scene.segmentation.labels.nbytes
+        if scene.shadows is not None:
+            needed += AHEAD + self.width * self.height * 64
+        free = device.free_memory if device.is_cuda else _free_host_memory()
+        if needed > free:
+            raise MemoryError(
+                f"data and image need {needed / 2**30:.1f} GiB on {device.alias}, which has {free / 2**30:.1f} GiB "
+                f"free: take a smaller size than {self.width} x {self.height}, or a smaller volume"
+            )
+
+
+def view(volume: Field, camera: Camera, width: int, height: int) -> Any:
+    """The struct of ``kernels.ray`` for a camera and image size, set up in float64."""
+    to_index = np.linalg.inv(volume.index_to_world[:3, :3])
+    right, up, forward = camera.basis()
+    half = np.tan(np.radians(camera.view_angle) / 2) if camera.parallel_scale is None else camera.parallel_scale
+    pixel = 2 * half / height
+    right, down = pixel * right, -pixel * up
+    corner = -0.5 * (width - 1) * right - 0.5 * (height - 1) * down
+    # The view's axis next to the volume's middle, counted from the nearer of the two points that define it: no
+    # difference of large numbers is taken that is not that of numbers given.
+    middle = volume.corners.mean(axis=0)
+    near = min(camera.position, camera.target, key=lambda point: float(np.abs(point - middle).max()))
+    along = float((middle - near) @ forward)
+    depth = along + (near is camera.target) * float(np.linalg.norm(camera.target - camera.position))
+    if not camera.parallel and depth <= 0:
+        near, along, depth = camera.position, 0.0, 0.0
+    axis = (near - volume.index_to_world[:3, 3]) + along * forward
+    spread = 1.0 if camera.parallel else depth
+    turns = not camera.parallel
+    low, high = volume.index_box
+    result = View()
+    result.width, result.height, result.perspective, result.depth = width, height, turns, depth
+    result.anchor = wp.vec3d(*(to_index @ (axis + spread * corner)))
+    result.right, result.down = (wp.vec3d(*(to_index @ (spread * step))) for step in (right, down))
+    result.way = wp.vec3d(*(forward + turns * corner))
+    result.way_right, result.way_down = (wp.vec3d(*(turns * step)) for step in (right, down))
+    result.to_index, result.unit = wp.mat33d(*to_index.ravel()), volume.smallest_spacing
+    result.low, result.high = wp.vec3d(*low), wp.vec3d(*high)
+    result.seen_low, result.seen_high = result.low, result.high
+    return result
+
+
+def _free_host_memory() -> float:
+    try:
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return float("inf")

@@ -1,0 +1,29 @@
+"""The integrators: how a ray's integral is approximated. Lengths are in units of the smallest voxel spacing."""
+
+from .adaptive_preintegrated import AdaptivePreintegrated
+from .adaptive_simpson import AdaptiveSimpson
+from .base import Integrator
+from .certified import Certified
+from .exact import Exact
+from .uniform import Preintegrated, Riemann, Simpson
+
+KINDS = (Riemann, Simpson, Preintegrated, AdaptivePreintegrated, AdaptiveSimpson, Exact, Certified)
+
+
+def of_tolerance(tolerance: float) -> Integrator:
+    """The integrator whose image is within a tolerance."""
+    return Certified(tolerance)
+
+
+__all__ = [
+    "KINDS",
+    "AdaptivePreintegrated",
+    "AdaptiveSimpson",
+    "Certified",
+    "Exact",
+    "Integrator",
+    "Preintegrated",
+    "Riemann",
+    "Simpson",
+    "of_tolerance",
+]

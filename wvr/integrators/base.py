@@ -1,0 +1,94 @@
+"""What an integrator is: it declares itself, and nobody else knows it.
+
+Lengths are in units of the smallest voxel spacing.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ..keep import Keeper, Part
+from ..transfer.function import Transfer
+from ..transfer_function import TransferFunction
+
+if TYPE_CHECKING:
+    from ..frame import Frame
+    from ..scene import Scene
+
+# Transparency at which a ray ends, unless an integrator or a user says otherwise.
+TERMINATION = 1 / 1024
+
+
+class Integrator(ABC):
+    """How the integral of a ray is approximated; subclasses are frozen dataclasses.
+
+    The scene (:class:`wvr.scene.Scene`) is what an integrator may ask about everything else that is to be seen.
+    """
+
+    #: Whether its steps can be written down (:meth:`wvr.Image.trace`).
+    traces: ClassVar[bool] = False
+    #: Whether rays may begin and end with what there is to see; else they begin with the box.
+    anywhere: ClassVar[bool] = False
+    #: Whether cells, and not only blocks of them, are skipped.
+    cells: ClassVar[bool] = False
+    #: Whether light has whole segments to light, in the ways of ``Lighting.mode``.
+    segments: ClassVar[bool] = False
+    #: What it asks of a field's device half besides ``value`` and ``differences``: "cubic", "centered", "extent".
+    asks: ClassVar[tuple[str, ...]] = ()
+    #: Ways of clipping that it has steps for, besides the exact one.
+    clips: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    @abstractmethod
+    def order(self) -> float:
+        """Order of convergence in the step on smooth integrands."""
+
+    @property
+    def shortest(self) -> float | None:
+        """Its shortest regular step; None where steps are the cells'."""
+        return None
+
+    @property
+    def unlit(self) -> str | None:
+        """Why it cannot be lit, if so."""
+        return None
+
+    @abstractmethod
+    def half(self, scene: Scene) -> Any:
+        """The device half, as of ``kernels.scene.Halves``."""
+
+    def numbers(self, scene: Scene, keep: Keeper) -> dict[str, Any]:
+        """Fields of the half's struct that are numbers or arrays."""
+        return {}
+
+    def parts(self, scene: Scene) -> dict[str, Part]:
+        """Fields of the half's struct that are kept."""
+        return {}
+
+    def function(self, scene: Scene, tf: TransferFunction) -> Part:
+        """A transfer function as used: a struct of ``kernels.transfer.function``, or a tuple that ends with one."""
+        return Transfer(tf, scene.unit, scene.shift, self.precision(scene), scene.material)
+
+    def table(self, scene: Scene, tf: TransferFunction) -> Part | None:
+        """The table that segments are looked up in, if they are."""
+        return None
+
+    def precision(self, scene: Scene) -> str:
+        """Of everything along a ray but the sums."""
+        return self.shown(scene)
+
+    def shown(self, scene: Scene) -> str:
+        """Precision of the image: what is asked for, or float32 if that is good enough."""
+        return "float32" if scene.precision == "auto" else scene.precision
+
+    def termination(self, scene: Scene) -> float:
+        """Transparency at which a ray ends, where the user does not say."""
+        return TERMINATION
+
+    def check(self, scene: Scene) -> None:  # noqa: B027 - most have nothing to say
+        """Say so where it cannot do what the scene asks for."""
+
+    def report(self, frame: Frame) -> dict[str, Any]:
+        """What it adds to the image's statistics."""
+        return {}

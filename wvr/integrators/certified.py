@@ -1,0 +1,214 @@
+"""Certified integration, and how it spends its tolerance: the one place where shares of it are set.
+
+Rounding comes first: of cuts at control points, of sums and of the image. What it leaves is shared out between what may
+lie behind the end of a ray (a quarter), the pieces of a ray in parts of the opacity that they add, which sums to one
+(a quarter for the series, a quarter for lines drawn too far), and the simpler transfer function (a quarter: colour,
+extinction in parts of itself, extinction times length).
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..keep import Keeper
+from ..kernels.integrators.certified import Half
+from ..transfer.function import transfer_values
+from ..transfer.nodes import nodes_array
+from ..transfer.simplify import SimplifiedTransfer
+from ..transfer_function import TransferFunction
+from ..validation import positive
+from .base import Integrator
+
+if TYPE_CHECKING:
+    from ..frame import Frame
+    from ..scene import Scene
+
+# Rounding of float64 sums and of cuts at control points, in parts of the brightest colour.
+SUMS = 1e-8
+# Bounds are rounded up to float32 numbers.
+UP = 2.0**-22
+# Range of samples, in parts of that of control points, from which rounding is counted cell by cell.
+OUTLYING = 16
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a tolerance is spent on, for colours up to ``brightest`` along rays up to ``longest`` unit lengths."""
+
+    rounding: float
+    rest: float
+    brightest: float
+    longest: float
+    blur: float  # rounding of a scalar along a ray
+    sharp: bool  # it counts piece by piece, else in ``rounding``
+
+    @property
+    def behind(self) -> float:
+        """Transparency at which a ray ends."""
+        return self.rest / 4 / self.brightest
+
+    @property
+    def piece(self) -> float:
+        """Of a piece's series, and of its line drawn too far, in parts of the opacity that it adds."""
+        return self.rest / 4
+
+    @property
+    def color(self) -> float:
+        """Deviation of a simpler transfer function's colour."""
+        return self.rest / 12
+
+    @property
+    def relative(self) -> float:
+        """Of its extinction, in parts of itself."""
+        return self.rest / 12 / self.brightest
+
+    @property
+    def absolute(self) -> float:
+        """Of its extinction per unit length, elsewhere."""
+        return self.rest / 12 / (self.brightest * self.longest)
+
+
+@dataclass(frozen=True)
+class Certified(Integrator):
+    """Every channel of every pixel within a tolerance of the true integral, with a bound for each pixel.
+
+    Cell by cell; in a cell the scalar along the ray is a cubic, cut where it reaches control points of the transfer
+    function. On each piece the optical depth is exact, and colour to a series whose error is bounded; where that bound
+    is too large, the piece is integrated by quadrature as ``Exact`` does. A ray ends when what may lie behind fits into
+    what is left of the tolerance. Beforehand the transfer function loses control points that matter less than the
+    tolerance. What has no extinction is not visited, cell by cell.
+
+    Parameters
+    ----------
+    tolerance
+        Largest absolute error of any channel, in (0, 1).
+
+    Notes
+    -----
+    ``image.error_bound`` is the bound that each ray came to: what was left out behind the end of the ray, the simpler
+    transfer function, the series, and rounding. It is at most the tolerance but for rays along which the scalar is that
+    of a jump, so that rounding alone says on which side of it they are; ``image.stats["rays_over_tolerance"]`` counts
+    them. Sums are float64 whatever the image's precision. ``image.samples`` counts cells and pieces of cells.
+    ``termination``, where it is given, ends rays at that transparency instead, and the bound says what that costs.
+    A tolerance of less than twice what rounding may come to is refused, of an image in float32 or float64; with
+    ``precision="auto"`` the image is float64 where rounding to float32 would take more than an eighth of the tolerance.
+    """
+
+    tolerance: float
+    anywhere: ClassVar[bool] = True
+    cells: ClassVar[bool] = True
+    asks: ClassVar[tuple[str, ...]] = ("centered", "extent")
+
+    def __post_init__(self) -> None:
+        if positive(self.tolerance, "tolerance") >= 1:
+            raise ValueError(f"tolerance must be below 1, got {self.tolerance!r}")
+
+    @property
+    def order(self) -> float:
+        return float("inf")
+
+    def shown(self, scene: Scene) -> str:
+        if scene.precision != "auto":
+            return scene.precision
+        # A tolerance of which rounding to float32 would take more than an eighth.
+        return "float64" if self.tolerance < 4 * float(np.finfo("float32").eps) * scene.brightest else "float32"
+
+    def precision(self, scene: Scene) -> str:
+        return "float64"
+
+    def budget(self, scene: Scene) -> Budget:
+        """What is spent on what."""
+        rounding = scene.brightest * (SUMS + float(np.finfo(self.shown(scene)).eps) / 2)
+        longest = scene.volume.longest
+        blurred = blur(scene)
+        # What rounding of the scalar comes to along any ray: little, unless slopes are steep or there are jumps.
+        slopes = max(_steepest(tf, scene.unit, scene.brightest * longest) for tf in scene.functions)
+        sharp = not blurred * slopes < self.tolerance / 64
+        if not sharp:
+            # Where intervals meet, the line of either may be taken.
+            rounding += 2 * blurred * slopes
+        return Budget(rounding, self.tolerance * (1 - UP) - rounding, scene.brightest, longest, blurred, sharp)
+
+    def half(self, scene: Scene) -> Half:
+        return Half(self.budget(scene).sharp)
+
+    def function(self, scene: Scene, tf: TransferFunction) -> SimplifiedTransfer:
+        shares = self.budget(scene)
+        deviations = (shares.color, shares.relative, shares.absolute)
+        return SimplifiedTransfer(tf, scene.unit, scene.shift, scene.material, *deviations)
+
+    def numbers(self, scene: Scene, keep: Keeper) -> dict[str, Any]:
+        shares = self.budget(scene)
+        points = [keep(self.function(scene, tf))[0] for tf in scene.functions]
+        absolute = max(one.absolute for one in points)
+        return {
+            "tolerance": shares.piece,
+            "brightest": shares.brightest,
+            "tinted": max(one.color + shares.brightest * one.relative for one in points),
+            "veiled": shares.rounding + shares.brightest * absolute * shares.longest,
+            "ulps": wp.vec2d(*_ulps(scene)),
+            "blur": shares.blur,
+            "local": bool(np.ptp(scene.volume.range) > OUTLYING * max(np.ptp(tf.knots) for tf in scene.functions)),
+            "nodes": nodes_array("float64", keep.device),
+        }
+
+    def termination(self, scene: Scene) -> float:
+        return self.budget(scene).behind
+
+    def check(self, scene: Scene) -> None:
+        least = 2 * self.budget(scene).rounding
+        if self.tolerance < least:
+            farther = (
+                "" if self.shown(scene) == "float64" else ' for a float32 image; precision="float64" reaches farther'
+            )
+            bright = f" for colours up to {scene.brightest:.3g}" if scene.brightest > 1 else ""
+            raise ValueError(
+                f"tolerance must be at least {least:.2g}{bright}{farther}, or rounding exceeds it: {self.tolerance!r}"
+            )
+
+    def report(self, frame: Frame) -> dict[str, Any]:
+        extras = [name for name in ("lighting", "shadows") if getattr(frame.scene, name) is not None]
+        covered = f"opacity and the unlit integral, not the {' and '.join(extras)}" if extras else "all channels"
+        assert frame.error_bound is not None
+        over = int(np.count_nonzero(frame.error_bound > self.tolerance))
+        if over and frame.scene.termination is None:
+            warnings.warn(
+                f"{over} of {frame.error_bound.size} rays are bounded by more than the tolerance {self.tolerance:g}, "
+                f"at most by {frame.error_bound.max():.2g}: along jumps or very steep slopes of the transfer function "
+                "rounding alone may do that; image.error_bound says where",
+                RuntimeWarning,
+                stacklevel=6,
+            )
+        return {
+            "bound_covers": f"{covered}: where rays ended, a simpler transfer function, series and rounding",
+            "rays_over_tolerance": over,
+        }
+
+
+def blur(scene: Scene) -> float:
+    """Rounding of a scalar along a ray in float64: of interpolating samples less the shift, and of places in a grid."""
+    low, high = np.array(scene.volume.range) - scene.shift
+    return float(_ulps(scene) @ [max(abs(low), abs(high)), high - low])
+
+
+def _ulps(scene: Scene) -> NDArray[np.float64]:
+    """The same in parts of the largest sample and of the range."""
+    return 2.0**-52 * np.array([8.0, 6.0 * max(scene.volume.shape)])
+
+
+def _steepest(tf: TransferFunction, unit: float, length: float) -> float:
+    """What a unit of the scalar changes along a ray of a ``length``, at most; infinite where there is a jump."""
+    values = transfer_values(tf, unit)
+    change = np.abs(np.diff(values, axis=0))
+    seen = (values[1:, 3] > 0) | (values[:-1, 3] > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = np.nan_to_num(change / np.diff(tf.knots)[:, None], nan=0.0, posinf=np.inf)[seen]
+    most = slopes.max(axis=0, initial=0.0)
+    with np.errstate(over="ignore"):
+        return float(length * most[3] + most[:3].max())

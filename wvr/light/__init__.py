@@ -1,0 +1,1 @@
+"""Light: on what is emitted, and on its way."""

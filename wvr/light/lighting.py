@@ -1,0 +1,134 @@
+"""How a scene is lit: Blinn-Phong shading by the field's gradient."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+import warp as wp
+
+from ..kernels.light.points import KINDS, Lights, Lit, Shading
+from ..kernels.light.points import Light as LightStruct
+from ..validation import choice, positive
+from .lights import Headlight, Light, light_list
+
+if TYPE_CHECKING:
+    from ..scene import Scene
+
+# Gradient at which light has half faded [range of the transfer function per smallest voxel spacing].
+FAINT = 1e-4
+Mode = Literal["center", "average", "interpolated", "isosurface", "closest-isosurface", "supersampled"]
+MODES: tuple[Mode, ...] = get_args(Mode)
+
+
+@dataclass(frozen=True)
+class Lighting:
+    """Light on the emission of a volume.
+
+    With unit vectors n along the gradient, l to a light and h half-way between l and the viewer, a point of colour c
+    is seen with ``c (ambient + diffuse sum_l L_l |n.l|) + specular sum_l L_l |n.h|^shininess``, L_l the light's colour.
+    Opacity is not affected. Surfaces have two sides. Where the gradient vanishes no direction of light is invented:
+    continuously, diffuse light becomes that of a point that faces every light, and specular light none.
+    A transfer function's own ``ambient``, ``diffuse`` and ``specular`` multiply these coefficients; what is seen of
+    them is integrated like colour (Roettger et al. 2003, section 1).
+
+    Parameters
+    ----------
+    mode
+        How a pre-integrated segment is lit, the scalar in it taken to be linear (Lum, Wilson and Ma 2004, section 3):
+
+        - ``"interpolated"``: by the light at its ends, weighted by where in the segment the emission is;
+        - ``"center"``: by that of the mean of the ends' normals, the usual way;
+        - ``"average"``: by the mean of that at its ends;
+        - ``"isosurface"``: the gradient where the scalar crosses each peak of the transfer function, in order;
+        - ``"closest-isosurface"``: that of the first, for all of the segment, which is wrong behind it;
+        - ``"supersampled"``: interpolated over ``supersample`` parts, the reference of the others.
+
+        That is for :class:`Preintegrated`. :class:`AdaptivePreintegrated` lights by the average. The others evaluate
+        emission at points and light each of them, :class:`Exact` at eight or more of each of its pieces.
+    light
+        A :class:`Headlight` or :class:`DirectionalLight`, or a sequence of them.
+    ambient, diffuse, specular
+        Coefficients, >= 0.
+    shininess
+        Exponent of specular light, > 0.
+    supersample
+        Parts of a segment in the mode ``"supersampled"``, >= 1.
+    gradient
+        ``"central"``: differences of the trilinear field over a voxel to each side; ``"cell"``: its own derivative,
+        which jumps from cell to cell.
+
+    Raises
+    ------
+    ValueError
+        For an unknown mode or gradient, or a coefficient or number out of its range.
+    TypeError
+        For a light that is none.
+    """
+
+    mode: Mode = "interpolated"
+    light: Light | Sequence[Light] = field(default_factory=Headlight)
+    ambient: float = 0.2
+    diffuse: float = 0.7
+    specular: float = 0.3
+    shininess: float = 32.0
+    supersample: int = 8
+    gradient: Literal["central", "cell"] = "central"
+
+    def __post_init__(self) -> None:
+        choice(self.mode, "mode", MODES)
+        choice(self.gradient, "gradient", ("central", "cell"))
+        for name in ("ambient", "diffuse", "specular"):
+            value = getattr(self, name)
+            if not isinstance(value, int | float | np.number) or not (np.isfinite(value) and value >= 0):
+                raise ValueError(f"{name} must be a finite number >= 0, got {value!r}")
+        positive(self.shininess, "shininess")
+        parts = self.supersample
+        if isinstance(parts, bool) or not isinstance(parts, int | np.integer) or parts < 1:
+            raise ValueError(f"supersample must be an integer >= 1, got {parts!r}")
+        object.__setattr__(self, "light", light_list(self.light))
+
+    @property
+    def lights(self) -> tuple[Light, ...]:
+        """The lights, also where one was given."""
+        assert isinstance(self.light, tuple)
+        return self.light
+
+    def check(self, scene: Scene) -> None:
+        """Say so where the integrator's segments cannot be lit."""
+        if scene.integrator.unlit:
+            raise ValueError(f"integrator: {scene.integrator.unlit}")
+
+    def half(self, scene: Scene, segments: bool) -> Lit:
+        """The device half, for integrators that light whole ``segments`` or points."""
+        own = dict.fromkeys(light.half for light in self.lights)
+        kinds = (*KINDS, *(half for half in own if half not in KINDS))
+        return Lit(kinds, self.mode if segments else "point", self.gradient, scene.material)
+
+    def struct(self, scene: Scene, device: wp.Device) -> Any:
+        """That of ``kernels.light.points``."""
+        kinds = self.half(scene, False).kinds
+        knots = np.concatenate([tf.knots for tf in scene.functions])
+        matrix = scene.volume.index_to_world
+        # The gradient is a number: a change over a voxel, in parts of the transfer functions' range.
+        scale = scene.unit / (float(np.ptp(knots)) or 1.0)
+        shading = Shading()
+        for name in ("ambient", "diffuse", "specular", "shininess"):
+            setattr(shading, name, getattr(self, name))
+        shading.faint = FAINT**2
+        shading.parts = self.supersample
+        shading.to_world = wp.mat33d(*(scale * np.linalg.inv(matrix[:3, :3]).T).ravel())
+        shading.ahead = wp.mat33d(*matrix[:3, :3].ravel())
+        shading.home = wp.vec3d(*matrix[:3, 3])
+        lights = []
+        for light in self.lights:
+            lights.append(LightStruct())
+            lights[-1].kind = kinds.index(light.half)
+            lights[-1].vector = wp.vec3d(*light.vector)
+            lights[-1].color = wp.vec3d(*light.color)
+        result = Lights()
+        result.shading = shading
+        result.lights = wp.array(lights, dtype=LightStruct, device=device)
+        return result

@@ -1,0 +1,305 @@
+"""Sweeps of light: how slices lie, which kernel runs when, and an image in shadow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..camera import Camera
+from ..field.base import Field
+from ..keep import Keeper, Part
+from ..kernels.light.slices import Eye, gather, make_advance, make_finish
+from ..kernels.light.travel import BORDER, ROWS, RUN, SLABS, Half, Sweep, make_state, make_travel, run_of
+from ..kernels.light.travel import Shade as ShadeStruct
+from ..kernels.precision import REALS
+from ..launch import launch, launch_in_turn, launch_pixels
+from ..transfer.function import Transfer
+from ..transfer.lookup import Lookup
+from ..transfer_function import TransferFunction
+from .lights import Headlight, Light
+from .shadows import ConvolutionShadows
+
+if TYPE_CHECKING:
+    from ..frame import Frame
+    from ..kernels.scene import Halves
+    from ..scene import Scene
+
+# Bytes of the slices that light is ahead of the eye: rays take up their state that much less often.
+AHEAD = 128 << 20
+# Largest variance of a step of diffusion [cells], at which its weights are positive.
+LARGEST_STEP = 0.5
+# Steps of diffusion a slab at most; only right in front of a camera inside the volume more would be asked for.
+MOST_STEPS = 64
+# Cosine between light and view down to which slices are view-aligned by themselves.
+ALIGNED = 0.5
+# Standard deviations of blur that light's frame has around the volume.
+MARGIN = 3.0
+
+
+class Shaded(NamedTuple):
+    """What shadows say of themselves, and samples of the sweeps' rays."""
+
+    stats: dict[str, Any]
+    samples: NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Sweeping:
+    """In place of an integrator, of which it has what a frame asks for: how sweeps see tissue, in a precision."""
+
+    shadows: ConvolutionShadows
+    precision: str
+    anywhere: ClassVar[bool] = True
+
+    def numbers(self, scene: Scene, keep: Keeper) -> dict[str, Any]:
+        return {}
+
+    def parts(self, scene: Scene) -> dict[str, Part]:
+        return {}
+
+    def function(self, scene: Scene, tf: TransferFunction) -> Part:
+        return Transfer(tf, scene.unit, scene.shift, self.precision, scene.material)
+
+    def table(self, scene: Scene, tf: TransferFunction) -> Part | None:
+        if not self.shadows.preintegrated:
+            return None
+        n, domain = scene.table_shape(None)
+        length = self.shadows.shortest
+        return Lookup(tf, scene.unit, length, n, domain, "stretchable", scene.shift, self.precision, False)
+
+    def termination(self, scene: Scene) -> float:
+        return scene.integrator.termination(scene)
+
+
+def shade(frame: Frame, rgba: wp.array, precision: str) -> Shaded:
+    """Puts an image into shadow, or makes it, by sweeps in a precision."""
+    start = perf_counter()
+    height, width = rgba.shape
+    shadows, device = frame.scene.shadows, frame.device
+    assert shadows is not None
+    halves = frame.halves(REALS[precision], Half(bool(shadows.preintegrated)))
+    # Samples of slices are points: clips leave them or not, and light is that of points.
+    cuts = replace(halves.cuts, clipped=False, naive=bool(frame.scene.clips), parts=None)
+    halves = replace(halves, cuts=cuts, light=halves.light and replace(halves.light, mode="point"))
+    struct, _ = frame.struct(halves, Sweeping(shadows, precision))
+    choose, finish = make_finish(REALS["float64" if rgba.dtype is wp.vec4d else "float32"])
+    share = not shadows.alone
+    shown = wp.ones((height, width), dtype=wp.uint8, device=device)
+    if share:
+        launch(choose, width * height, [rgba, shown], device)
+    light, slices, samples, count = sweep_lights(frame, halves, struct, shown)
+    launch(finish, width * height, [light, slices, share, rgba], device)
+    wp.synchronize_device(device)
+    stats = {
+        "seconds_shadows": perf_counter() - start,
+        "slices": count,
+        "shadow_samples": int(samples.sum(dtype=np.int64)),
+        "shadows": repr(shadows),
+    }
+    return Shaded(stats, samples)
+
+
+def sweep_lights(
+    frame: Frame, halves: Halves, struct: Any, shown: wp.array
+) -> tuple[wp.array, wp.array, NDArray[np.int32], int]:
+    """Run the sweeps of all lights.
+
+    Parameters
+    ----------
+    struct
+        The scene's, for kernels of the ``halves``; the box of what its view sees is what there is to see.
+    shown
+        (height, width) of uint8: the pixels that are asked for.
+
+    Returns
+    -------
+    result, rgba
+        (height, width) of vec3d and vec4d: colour in the light of all lights or, where the image is one of rays, the
+        share of emission that light reaches; and the composite of the slices without shadows.
+    samples
+        Of each ray.
+    slices
+        Of all sweeps.
+    """
+    scene, device, keep = frame.scene, frame.device, frame.keep
+    shadows = scene.shadows
+    assert shadows is not None
+    height, width = shown.shape
+    advance = make_advance(halves)
+    result = wp.zeros((height, width), dtype=wp.vec3d, device=device)
+    eye = Eye()
+    eye.shown = shown
+    eye.samples = wp.zeros((height, width), dtype=int, device=device)
+    eye.rgba = keep.scratch("composite", (height, width), wp.vec4d)
+    eye.lit = keep.scratch("lit", (height, width), wp.vec3d)
+    slices = 0
+    for light in shadows.lights:
+        eye.rgba.zero_()
+        eye.lit.zero_()
+        struct.march, shape, variance = place(scene.volume, frame.camera, shadows, light, struct.view)
+        for first, count, stack in travel(halves, struct, shape, variance, keep):
+            inputs = [struct, first, count, stack, eye]
+            launch_pixels(advance, inputs, device, struct.view)
+        inputs = [eye.rgba, eye.lit, wp.vec3d(*light.color), not shadows.alone, result]
+        launch(gather, width * height, inputs, device)
+        slices += struct.march.slices
+    return result, eye.rgba, eye.samples.numpy(), slices
+
+
+def travel(
+    halves: Halves, scene: Any, shape: tuple[int, int], variance: Callable[[int], float], keep: Keeper
+) -> Iterator[tuple[int, int, wp.array]]:
+    """Let light travel: yields the first slab, the number of slabs, and the light of the slices around them, which
+    only lasts until the next. ``scene`` is the struct, with the sweep in it.
+    """
+    occupy, step = make_travel(halves)
+    real, device = halves.real, keep.device
+    rows, columns = shape
+    runs = columns // int(RUN)
+    slices = scene.march.slices
+    shade = ShadeStruct()
+    shade.occupied = wp.empty((-(-slices // int(SLABS)), -(-rows // int(ROWS)), runs), dtype=wp.uint8, device=device)
+    launch(occupy, shade.occupied.size, [scene, shade.occupied], device)
+    shade.touched = wp.zeros((shade.occupied.shape[1] + 2, runs + 2), dtype=wp.uint8, device=device)
+    state = make_state(real)()
+    state.light = wp.ones((2, rows + 2 * int(BORDER), runs + 2), dtype=run_of(real), device=device)
+    state.rest = wp.empty((rows, runs), dtype=run_of(real), device=device)
+    # Of one size whatever the view, so that the next frame can have it: what is not used takes no memory, and what a
+    # process touches for the first time is slow (68 MB take 30 to 90 ms).
+    whole = keep.scratch("light", (max(AHEAD // wp.types.type_size_in_bytes(real), 17 * rows * columns),), real)
+    chunk = min(whole.size // (rows * columns) - 1, slices)
+    stack = wp.array(ptr=whole.ptr, dtype=real, shape=(chunk + 1, rows, columns), device=device)
+    state.stack = wp.array(ptr=whole.ptr, dtype=run_of(real), shape=(chunk + 1, rows, runs), device=device)
+    scenes = wp.array([scene], dtype=halves.Scene, device=device)
+    source = 0
+    for first in range(0, slices, chunk):
+        count = min(chunk, slices - first)
+        steps: list[tuple] = []
+        # The light in front of all slabs is attenuated by the first of them.
+        for slab in range(first - (first == 0), first + count):
+            q = variance(slab) if slab >= 0 else 0.0
+            parts = min(int(np.ceil(q / LARGEST_STEP)) or 1, MOST_STEPS)
+            for part in range(parts):
+                slot = slab + 1 - first if part == parts - 1 else -1
+                steps.append((slab, real(q / parts), source, slot))
+                source = 1 - source
+        launch_in_turn(step, rows * runs, steps, [scenes, shade, state], device)
+        yield first, count, stack
+        wp.copy(stack[0], stack[count])
+
+
+def axis_of(camera: Camera, light: Light, mode: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Unit vectors, in world space: the axis of the sweep, and the way light goes (that in the image's centre)."""
+    _, _, forward = camera.basis()
+    way = light.way(forward)
+    assert way is not None
+    cosine = float(way @ forward)
+    if mode == "auto":
+        mode = "view-aligned" if cosine >= ALIGNED else "half-angle"
+    if mode == "half-angle":
+        axis = way + forward if cosine >= 0 else way - forward
+        return axis / np.linalg.norm(axis), way
+    if cosine < 0.05:
+        raise ValueError(
+            f'shadows with mode "view-aligned" need light from the side of the viewer, got {light!r} '
+            f'{np.degrees(np.arccos(np.clip(cosine, -1, 1))):.0f} degrees from the view; take "auto" or "half-angle"'
+        )
+    return forward, way
+
+
+def place(
+    volume: Field, camera: Camera, shadows: ConvolutionShadows, light: Light, view: Any
+) -> tuple[Any, tuple[int, int], Callable[[int], float]]:
+    """The slices of a light: the struct of the kernels, rows and columns of its cells, and the variance, in cells, by
+    which light spreads along each axis in a slab.
+    """
+    unit = volume.smallest_spacing
+    axis, way = axis_of(camera, light, shadows.mode)
+    fans = isinstance(light, Headlight) and not camera.parallel
+    low, high = np.array(view.seen_low), np.array(view.seen_high)
+    matrix = volume.index_to_world[:3, :3] / unit
+    home = camera.position if not camera.parallel else volume.corners.mean(axis=0)
+    # World coordinates here are relative to home, in units of the smallest voxel spacing.
+    shift = (volume.index_to_world[:3, 3] - home) / unit
+    picks = np.array([[(n >> a) & 1 for a in range(3)] for n in range(8)])
+    corners = np.where(picks, high, low) @ matrix.T + shift
+    z = corners @ axis
+    start, end = float(z.min()), float(z.max())
+    if fans:
+        # Nothing behind the camera is seen, nor casts a shadow that is.
+        start = max(start, 0.0)
+        end = max(end, start + shadows.slice_distance)
+    if not camera.parallel:
+        sweeps_all(camera, axis, view)
+    slices = max(1, int(np.ceil((end - start) / shadows.slice_distance - 1e-9)))
+    thickness = (end - start) / slices or shadows.slice_distance
+
+    right, up, _ = camera.basis()
+    if not isinstance(light, Headlight):
+        # Light's columns run across the image as far as they can.
+        right = np.cross(way, up if abs(way @ up) < 0.9 else right)
+        right /= np.linalg.norm(right)
+        up = np.cross(right, way)
+    cell, reference = shadows.cell_width, 1.0
+    slant = 1.0 / float(axis @ way)
+    if fans:
+        reference = 0.5 * (start + end)
+        cell /= reference
+    side = np.stack([right, up]) / cell
+    flat = corners @ side.T
+    if fans:
+        half = np.tan(np.radians(camera.view_angle) / 2)
+        extent = half / cell * np.array([view.width / view.height, 1.0])
+        flat = np.stack([-extent, extent])
+        if z.min() > 0:
+            flat = np.clip(corners @ side.T / z[:, None], -extent, extent)
+    blur = MARGIN * np.sqrt(2 * shadows.diffusion * (end - start) * slant) / shadows.cell_width
+    corner = np.floor(flat.min(axis=0) - blur) - 1
+    columns, rows = (np.ceil(flat.max(axis=0) + blur) + 2 - corner).astype(int)
+    columns = -(-columns // int(RUN)) * int(RUN)
+
+    # From (u, v, z) back: three planes that meet in a point.
+    back = np.linalg.inv(np.stack([*side, axis]))
+    to_index = np.linalg.inv(matrix)
+    sweep = Sweep()
+    sweep.start, sweep.thickness, sweep.slices = start, thickness, slices
+    sweep.parts = shadows.subsamples + 1
+    sweep.ahead, sweep.offset = wp.vec3d(*(axis @ matrix)), float(axis @ shift)
+    sweep.diverging = fans
+    sweep.across = wp.mat33d(*np.vstack([side @ matrix, np.zeros(3)]).ravel())
+    sweep.shift = wp.vec3d(*np.append(side @ shift, 0.0))
+    sweep.corner = wp.vec2d(*corner)
+    sweep.origin = wp.vec3d(*(-to_index @ shift))
+    sweep.along = wp.vec3d(*(to_index @ back[:, 2]))
+    sweep.side = wp.mat33d(*np.column_stack([to_index @ back[:, :2], np.zeros(3)]).ravel())
+    sweep.slant = slant
+    sweep.widening = cell**2
+    sweep.before = 0.5 if shadows.splitting == "strang" else 1.0
+    sweep.after = 1.0 - sweep.before
+    sweep.front = shadows.received == "front"
+
+    def variance(slab: int) -> float:
+        way = thickness * slant if shadows.kernel == "diffusive" else 1.0
+        width = cell * (start + (slab + 0.5) * thickness) if fans else cell
+        return 2 * shadows.diffusion * way / width**2
+
+    return sweep, (int(rows), int(columns)), variance
+
+
+def sweeps_all(camera: Camera, axis: NDArray[np.float64], view: Any) -> None:
+    """Says so where a ray of the image does not pass slices across ``axis`` in the order that the others do."""
+    right, up, forward = camera.basis()
+    half = np.tan(np.radians(camera.view_angle) / 2)
+    across = half * view.width / view.height * right
+    rates = [axis @ (forward + i * across + j * half * up) for i in (-1, 1) for j in (-1, 1)]
+    if min(rates) <= 0.02 and max(rates) >= -0.02:
+        raise ValueError(
+            f"view_angle = {camera.view_angle!r} is too wide for slices half-way between this light and the view; take "
+            "a narrower view or a light that is closer to its direction"
+        )

@@ -1,0 +1,1 @@
+"""Transfer functions on their way to the device."""
