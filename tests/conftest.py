@@ -1,6 +1,5 @@
 """What all tests share: the devices there are, and small scenes."""
 
-import numpy as np
 import pytest
 import warp as wp
 
@@ -35,7 +34,3 @@ def smooth_tf() -> wvr.TransferFunction:
 @pytest.fixture
 def blobs() -> wvr.Volume:
     return wvr.datasets.load("blobs", 32)
-
-
-def max_error(image: wvr.Image, reference: np.ndarray) -> float:
-    return float(np.abs(image.rgba - reference).max())

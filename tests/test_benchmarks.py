@@ -12,7 +12,7 @@ from studies.base import harness, reference
 from studies.base.harness import Row, Settings, Time
 from studies.base.vtk_cpu import NotAvailableError
 
-from .conftest import max_error
+from .helpers import max_error
 
 
 def clock(seconds):

@@ -132,4 +132,5 @@ def test_kernels_compile_once_and_say_so(tmp_path):
         run = subprocess.run([sys.executable, "-c", code, order], capture_output=True, text=True, env=environment)
         assert run.returncode == 0 and run.stdout == "", run.stderr
         counts.append(run.stderr.count("wvr: compiling the kernel"))
+    # Three of rays, two of tables, two of blocks: masks are for those that go cell by cell.
     assert counts == [7, 0, 0]

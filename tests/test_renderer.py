@@ -16,21 +16,22 @@ def scene(blobs):
 def test_only_what_depends_on_a_change_is_rebuilt(blobs, device):
     renderer = wvr.Renderer(blobs, TF, integrator=wvr.Preintegrated(0.5), device=device)
     first = renderer.render(wvr.Camera.fit(blobs), (16, 16))
-    assert renderer.builds == {"volume": 1, "ranges": 1, "empty": 1, "transfer": 1, "table": 1}
+    # The transfer function is that of float32 along rays, and that of float64 for blocks.
+    assert renderer.builds == {"volume": 1, "ranges": 1, "kinds": 1, "transfer": 2, "table": 1}
     renderer.render(wvr.Camera.fit(blobs, (0, 1, 0)), (20, 10))
     renderer.transfer_function = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.3)])  # equal content
     renderer.render(wvr.Camera.fit(blobs), (16, 16))
-    assert renderer.builds == {"volume": 1, "ranges": 1, "empty": 1, "transfer": 1, "table": 1}
+    assert renderer.builds == {"volume": 1, "ranges": 1, "kinds": 1, "transfer": 2, "table": 1}
     renderer.transfer_function = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.4)])
     changed = renderer.render(wvr.Camera.fit(blobs), (16, 16))
-    assert renderer.builds == {"volume": 1, "ranges": 1, "empty": 2, "transfer": 2, "table": 2}
+    assert renderer.builds == {"volume": 1, "ranges": 1, "kinds": 2, "transfer": 4, "table": 2}
     assert not np.array_equal(changed.rgba, first.rgba)
     renderer.integrator = wvr.Riemann(0.5)
     renderer.render(wvr.Camera.fit(blobs), (16, 16))
-    assert renderer.builds == {"volume": 1, "ranges": 1, "empty": 2, "transfer": 2, "table": 2}
+    assert renderer.builds == {"volume": 1, "ranges": 1, "kinds": 2, "transfer": 4, "table": 2}
     renderer.volume = wvr.Volume(255 - blobs.numpy())
     inverted = renderer.render(wvr.Camera.fit(blobs), (16, 16))
-    assert renderer.builds == {"volume": 2, "ranges": 2, "empty": 3, "transfer": 2, "table": 2}
+    assert renderer.builds == {"volume": 2, "ranges": 2, "kinds": 3, "transfer": 4, "table": 2}
     again = wvr.render(
         renderer.volume, renderer.transfer_function, wvr.Camera.fit(blobs), (16, 16), integrator=wvr.Riemann(0.5)
     )
@@ -38,24 +39,52 @@ def test_only_what_depends_on_a_change_is_rebuilt(blobs, device):
 
 
 def test_what_a_certified_frame_keeps(blobs, device):
-    """The same, and a volume of the same shape is written into the same arrays."""
     renderer = wvr.Renderer(blobs, TF, tolerance=1e-3, device=device)
     camera = wvr.Camera.fit(blobs)
     renderer.render(camera, (16, 16))
-    built = {"volume": 1, "extents": 1, "simplified": 1, "kinds": 1}
+    built = {"volume": 1, "ranges": 1, "simplified": 1, "kinds": 1}
     assert renderer.builds == built
     renderer.render(wvr.Camera.fit(blobs, (0, 1, 0)), (20, 10))
     assert renderer.builds == built
     renderer.transfer_function = wvr.TransferFunction([(0, "navy", 0.0), (200, "gold", 0.4)])
     renderer.render(camera, (16, 16))
     assert renderer.builds == built | {"simplified": 2, "kinds": 2}
-    arrays = {name: buffer.ptr for name, buffer in ((key[0], b) for key, b in renderer._buffers.items())}
     renderer.volume = wvr.Volume(255 - blobs.numpy())
     streamed = renderer.render(camera, (16, 16))
-    assert renderer.builds == {"volume": 2, "extents": 2, "simplified": 2, "kinds": 3}
-    assert {key[0]: b.ptr for key, b in renderer._buffers.items()} == arrays
+    assert renderer.builds == {"volume": 2, "ranges": 2, "simplified": 2, "kinds": 3}
     again = wvr.render(renderer.volume, renderer.transfer_function, camera, (16, 16), tolerance=1e-3, device=device)
     assert np.array_equal(streamed.rgba, again.rgba)
+
+
+def test_volumes_of_one_shape_are_prepared_in_the_same_memory(blobs, device):
+    """Once there is memory for two, that of the last frame and that of this one, no more is asked for."""
+    renderer = wvr.Renderer(blobs, TF, tolerance=1e-3, device=device)
+    camera = wvr.Camera.fit(blobs)
+
+    def arrays():
+        (keeper,) = renderer._keepers.values()
+        return {array.ptr for arrays in (*keeper._arrays.values(), keeper._free) for array in arrays}
+
+    seen = []
+    for k in range(5):
+        renderer.volume = wvr.Volume((blobs.numpy() + 10 * k).astype(np.uint8))
+        renderer.render(camera, (16, 16))
+        seen.append(arrays())
+    assert len(seen[0]) > 2 and len(seen[1]) == 2 * len(seen[0]) and seen[1] == seen[2] == seen[3] == seen[4]
+
+
+def test_what_is_new_takes_nothing_away(blobs):
+    """Blocks of the volume are as they were, whatever other volumes came and went meanwhile."""
+    renderer = wvr.Renderer(blobs, TF, integrator=wvr.Riemann(0.5))
+    camera = wvr.Camera.fit(blobs)
+    renderer.render(camera, (8, 8))
+    for k in (1, 2, 3):
+        renderer.clip = wvr.ClipVolume(wvr.Volume(blobs.numpy() // k), 20)
+        renderer.render(camera, (8, 8))
+    before = renderer.builds.copy()
+    renderer.transfer_function = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.4)])
+    renderer.render(camera, (8, 8))
+    assert renderer.builds - before == {"transfer": 2, "kinds": 1}
 
 
 def test_point_rules_build_no_table(scene):
@@ -110,9 +139,9 @@ def test_table_size_and_generator(scene):
     ("kwargs", "error", "message"),
     [
         ({"volume": np.zeros((2, 2, 2))}, TypeError, "volume must be a Volume, got ndarray"),
-        ({"transfer_function": "bone"}, TypeError, "transfer_function must be a TransferFunction, got str"),
+        ({"transfer_function": "bone"}, TypeError, "transfer_function must be a TransferFunction, got 'bone'"),
         ({"camera": None}, TypeError, "camera must be a Camera, got NoneType"),
-        ({"integrator": "riemann"}, TypeError, "integrator must be one of Riemann, .*, got 'riemann'"),
+        ({"integrator": "riemann"}, TypeError, "integrator must be an Integrator, got 'riemann'"),
         ({"size": (0, 5)}, ValueError, r"size must be \(width, height\), each >= 1, got \(0, 5\)"),
         ({"size": (5, -1)}, ValueError, "size"),
         ({"size": 512}, ValueError, "size must be two integers"),
@@ -171,3 +200,43 @@ def test_share_of_the_volume_that_is_skipped(integrator):
     assert skipped([(0, "red", 0.5), (255, "red", 0.5)]) == 0
     assert 0.35 < skipped(seen) < 0.5
     assert skipped(seen, skip_empty=False) == 0
+
+
+@pytest.mark.parametrize(
+    "integrator",
+    [
+        wvr.Riemann(1e-9),
+        wvr.Simpson(1e-9),
+        wvr.Preintegrated(1e-3, oversampling=10**6),
+        wvr.AdaptivePreintegrated(0.1, hmin=1e-9),
+        wvr.AdaptiveSimpson(0.1, hmin=1e-9),
+    ],
+    ids=lambda i: type(i).__name__,
+)
+def test_more_steps_than_can_be_counted_are_refused(scene, integrator):
+    message = r"integrator must take at most 16777216 steps .* got .*, which takes 5.37e\+10 along its diagonal of 53"
+    with pytest.raises(ValueError, match=message):
+        wvr.render(*scene, (4, 4), integrator=integrator)
+
+
+def test_the_shortest_step_that_is_accepted(scene):
+    """It is the one that the message says, along the longest diagonal in space."""
+    volume, tf, _ = scene
+    skewed = wvr.Volume(volume.numpy()[:2, :2, :2], direction=[[1, 0.9, 0], [0, 0.5, 0], [0, 0, 1]])
+    longest = np.linalg.norm(np.array([1.9, 0.5, 1.0])) / skewed.smallest_spacing
+    limit = longest / 2**24
+    wvr.render(skewed, tf, wvr.Camera.fit(skewed), (1, 1), integrator=wvr.Riemann(1.001 * limit))
+    with pytest.raises(ValueError, match=f"a step must be {limit:.3g} or longer"):
+        wvr.render(skewed, tf, wvr.Camera.fit(skewed), (1, 1), integrator=wvr.Riemann(0.999 * limit))
+
+
+def test_all_that_takes_steps_is_refused_too_many(scene):
+    far = wvr.Volume(np.zeros((2, 2, 2)), spacing=(2.0**31, 1, 1))
+    with pytest.raises(ValueError, match=r"a step must be 128 or longer"):
+        wvr.render(far, TF, wvr.Camera.fit(far), (4, 4), integrator=wvr.Preintegrated(1))
+    wvr.render(far, TF, wvr.Camera.fit(far), (4, 4))
+    with pytest.raises(ValueError, match="integrator must take at most 16777216 steps"):
+        wvr.single_scattering(*scene, (4, 4), step=1e-9)
+    for shadows in (wvr.ConvolutionShadows(slice_distance=1e-9), wvr.ConvolutionShadows(subsamples=10**9)):
+        with pytest.raises(ValueError, match="shadows must take at most 16777216 steps"):
+            wvr.render(*scene, (4, 4), shadows=shadows)

@@ -8,7 +8,7 @@ from scipy.special import expn
 import wvr
 from wvr.scattering import cone
 
-from .test_raycast import along, centered
+from .helpers import along, centered
 
 WHITE = (1.0, 1.0, 1.0)
 

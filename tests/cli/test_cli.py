@@ -1,0 +1,420 @@
+"""The command line passes on what it is given, writes results to stdout only, and fails in one line."""
+
+import logging
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+from threading import Timer
+
+import numpy as np
+import pytest
+from PIL import Image as PillowImage
+
+import wvr
+from wvr.cli import stages
+from wvr.cli.render import _stem
+from wvr.presets import preset, suggest
+
+from .helpers import SIZE, spheres
+
+CUBE = (np.arange(4 * 5 * 6).reshape(4, 5, 6) * 2).astype(np.uint8)
+
+
+def render_spheres(run, *arguments):
+    code, out, err = run("render", "spheres", "--dataset-size", SIZE, *arguments)
+    assert (code, err) == (0, "")
+    return out
+
+
+def same_camera(camera, expected):
+    assert repr(camera) == repr(expected)
+
+
+# Rendering
+
+
+def test_the_defaults_are_those_of_the_api(run):
+    volume = spheres()
+    tf = next(iter(suggest(volume).values()))
+    expected = wvr.render(volume, tf, wvr.Camera.fit(volume), (40, 30))
+    code, out, _ = run("render", "spheres", "--dataset-size", SIZE, "--size", "40x30", "-o", "a.npy")
+    assert code == 0
+    np.testing.assert_array_equal(np.load("a.npy"), expected.rgba)
+    samples = f"{int(expected.samples.sum()):,}"
+    assert re.fullmatch(rf"a\.npy: 40 x 30, {samples} samples, [\d.e-]+ s, errors up to [\d.e-]+\n", out)
+
+
+def test_the_bound_does_not_speak_of_light(run):
+    code, out, _ = run(
+        "render", "spheres", "--dataset-size", SIZE, "--size", "8x6", "--lighting", "center", "-o", "a.npy"
+    )
+    assert code == 0 and re.search(r"errors up to [\d.e-]+ but for light\n$", out)
+
+
+def test_every_option_arrives(run, rendered, monkeypatch):
+    threads = []
+    monkeypatch.setattr(wvr, "set_num_threads", threads.append)
+    options = "--lighting center:0.1:0.5 --shadows -1,0,2 "
+    options += "--size 8x6 --integrator riemann:0.25:left --precision float64 --device cpu --termination 0 --threads 3"
+    assert (
+        render_spheres(run, *options.split(), "--background", "white")
+        == "spheres.png: 8 x 6, 1,234,567 samples, 0.25 s\n"
+    )
+    expected = {
+        "size": (8, 6),
+        "integrator": wvr.Riemann(0.25, "left"),
+        "lighting": wvr.Lighting("center", ambient=0.1, diffuse=0.5),
+        "shadows": wvr.ConvolutionShadows(light=wvr.DirectionalLight((-1, 0, 2))),
+        "precision": "float64",
+        "device": "cpu",
+        "termination": 0,
+        "background": "white",
+    }
+    assert {name: rendered[name] for name in expected} == expected
+    assert threads == [3] and rendered["volume"].shape == (SIZE,) * 3
+
+
+def test_clips(run, rendered):
+    render_spheres(
+        run,
+        *("--clip-plane", "1,2,3,0,0,-1", "--clip-box", "-1,-2,-3,4,5,6", "--clip-sphere", "1,1,1,2.5"),
+        *("--clip-plane", "-1,0,0,1,0,0"),
+    )
+    assert rendered["clip"] == [
+        wvr.ClipPlane((1, 2, 3), (0, 0, -1)),
+        wvr.ClipPlane((-1, 0, 0), (1, 0, 0)),
+        wvr.ClipBox((-1, -2, -3), (4, 5, 6)),
+        wvr.ClipSphere((1, 1, 1), 2.5),
+    ]
+
+
+def test_what_is_not_given_is_left_to_the_api(run, rendered):
+    render_spheres(run)
+    assert rendered["size"] == (512, 512) and rendered["precision"] == "auto"
+    assert [rendered[name] for name in ("integrator", "lighting", "shadows", "device")] == [None] * 4
+    assert not rendered["clip"]
+
+
+@pytest.mark.parametrize(
+    ("text", "integrator"),
+    [
+        ("riemann:1", wvr.Riemann(1)),
+        ("simpson:0.5", wvr.Simpson(0.5)),
+        ("adaptivesimpson:0.001", wvr.AdaptiveSimpson(0.001)),
+        ("exact", wvr.Exact()),
+        ("preintegrated", wvr.Preintegrated()),
+        ("preintegrated:0.5:2:64:brute", wvr.Preintegrated(0.5, 2, 64, "brute")),
+    ],
+)
+def test_integrators(run, rendered, text, integrator):
+    render_spheres(run, "--integrator", text)
+    assert rendered["integrator"] == integrator
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fit"),
+    [
+        ("", {}),
+        ("--up y", {"direction": (0.6, 0.4, 1), "up": (0, 1, 0)}),
+        ("--up -y", {"direction": (0.6, -0.4, 1), "up": (0, -1, 0)}),
+        ("--up x --parallel", {"direction": (0.4, 1, 0.6), "up": (1, 0, 0), "parallel": True}),
+        (
+            "--direction -1,0,2 --up 0,0.5,-1 --view-angle 20",
+            {"direction": (-1, 0, 2), "up": (0, 0.5, -1), "view_angle": 20},
+        ),
+        ("--size 10x20", {"aspect": 0.5}),
+    ],
+)
+def test_a_camera_that_shows_all(run, rendered, arguments, fit):
+    render_spheres(run, *arguments.split())
+    same_camera(rendered["camera"], wvr.Camera.fit(spheres(), **fit))
+
+
+def test_a_camera_by_position_and_target(run, rendered):
+    place = (-30, 2, 3), (1, 2, 3)
+    arguments = ("--camera", "-30,2,3,1,2,3", "--up", "y", "--view-angle", "40")
+    render_spheres(run, *arguments)
+    same_camera(rendered["camera"], wvr.Camera(*place, up=(0, 1, 0), view_angle=40))
+    render_spheres(run, *arguments, "--parallel")
+    assert rendered["camera"].parallel_scale == pytest.approx(31 * np.tan(np.radians(20)))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "tf"),
+    [
+        (["warm"], lambda volume: suggest(volume)["warm"]),
+        (["mri"], lambda volume: preset("mri", volume.range)),
+        (["mri", "--domain", "-5,100"], lambda volume: preset("mri", (-5, 100))),
+        (["ct-bone"], lambda volume: preset("ct-bone")),
+        (["ct-bone", "--domain", "0,255"], lambda volume: preset("ct-bone", (0, 255))),
+        (["0:red:0,90:#ffffff:0.5"], lambda volume: wvr.TransferFunction([(0, "red", 0), (90, "white", 0.5)])),
+    ],
+)
+def test_transfer_functions(run, rendered, arguments, tf):
+    render_spheres(run, "--tf", *arguments)
+    assert rendered["tf"] == tf(spheres())
+
+
+def test_a_transfer_function_of_a_file(run, rendered):
+    tf = wvr.TransferFunction([(0, (0.1, 0.2, 0.3), 1 / 3), (1, "white", 1)], unit_distance=2)
+    tf.save("a.json")
+    render_spheres(run, "--tf", "a.json")
+    assert rendered["tf"] == tf
+
+
+def test_a_colour_map_spans_the_range_and_does_not_depend_on_resolution(run, rendered):
+    render_spheres(run, "--tf", "viridis")
+    tf, (lo, hi) = rendered["tf"], spheres().range
+    assert (tf.knots[0], tf.knots[-1]) == (lo, hi)
+    assert tf.extinction(lo) == 0 and np.all(np.diff(tf.extinction(np.linspace(lo, hi, 9))) > 0)
+    np.save("fine.npy", np.zeros((2 * SIZE,) * 3, np.uint8))
+    run("render", "fine.npy", "--tf", "viridis", "--domain", f"{lo},{hi}")
+    assert rendered["tf"].unit_distance == 2 * tf.unit_distance
+    render_spheres(run, "--tf", "viridis", "--domain", "7,9")
+    assert (rendered["tf"].knots[0], rendered["tf"].knots[-1]) == (7, 9)
+
+
+@pytest.mark.parametrize(
+    ("source", "image"), [("a.b.npy", "a.b.png"), ("sub/c.npy", "c.png"), ("d.nii.gz", "d.png"), (".", "here.png")]
+)
+def test_the_image_is_named_after_the_source_and_in_the_current_folder(source, image, tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    assert f"{_stem(source)}.png" == image
+
+
+def test_files_and_their_options(run, rendered):
+    image = wvr.Volume(CUBE).to_pyvista()
+    image["other"] = np.arange(CUBE.size, dtype=np.float32)
+    image.save("a.vti")
+    assert run("render", "a.vti", "--scalars", "other")[0] == 0
+    np.testing.assert_array_equal(rendered["volume"].numpy().ravel(), np.arange(CUBE.size))
+    holes = CUBE.astype(np.float32)
+    holes[1, 2, 3] = np.nan
+    np.save("a.npy", holes)
+    code, out, err = run("render", "a.npy")
+    assert (code, out) == (2, "") and "1 NaN" in err
+    assert run("render", "a.npy", "--nan", "transparent")[0] == 0
+    assert rendered["volume"].nan == "transparent"
+
+
+def test_a_file_comes_before_a_dataset_of_its_name(run, rendered):
+    Path("tree").mkdir()
+    code, _, err = run("render", "tree")
+    assert code == 1 and "no TIFF or DICOM" in err
+
+
+def test_the_background_is_in_png_files(run, rendered):
+    render_spheres(run, "--size", "2x2", "-o", "a.png", "--background", "white")
+    render_spheres(run, "--size", "2x2", "-o", "b.png")
+    assert PillowImage.open("a.png").mode == "RGB" and PillowImage.open("b.png").mode == "RGBA"
+
+
+def test_outputs_are_where_they_were_asked_for(run, rendered):
+    render_spheres(run, "--size", "4x3", "-o", "A.NPY")
+    assert np.load("A.NPY").shape == (3, 4, 4)
+    assert run("info", "spheres", "--dataset-size", SIZE, "--save-tf", "bands", "A.JSON")[0] == 0
+    assert wvr.TransferFunction.load("A.JSON") == suggest(wvr.datasets.load("spheres", SIZE))["bands"]
+    assert sorted(path.name for path in Path().iterdir()) == ["A.JSON", "A.NPY"]
+
+
+# Failures
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        ("render", 2, "SOURCE"),
+        ("frobnicate", 2, "frobnicate"),
+        ("render spheres --bogus 1", 2, "--bogus"),
+        (
+            "render nowhere.nrrd",
+            1,
+            "'nowhere.nrrd' is neither a file or folder nor a dataset; datasets are marschner_lobb",
+        ),
+        ("info nowhere.nrrd", 1, "neither a file or folder nor a dataset"),
+        ("render volume.npy --dataset-size 8", 2, "'volume.npy' is a file"),
+        ("render spheres --scalars a", 2, "'spheres' is a dataset"),
+        ("render skull --dataset-size 8", 2, "'skull' is downloaded"),
+        ("render spheres --dataset-size 1", 2, "--dataset-size"),
+        ("render broken.nrrd", 1, "broken.nrrd is truncated or corrupt"),
+        ("render spheres --size 512", 2, "--size must be WIDTHxHEIGHT"),
+        ("render spheres --size 0x512", 2, "--size must be"),
+        ("render spheres --size -3x5", 2, "size"),
+        ("render spheres --threads 0", 2, "--threads"),
+        ("render spheres --precision half", 2, "float64"),
+        (
+            "render spheres --integrator simpsons:1",
+            2,
+            "--integrator must start with one of riemann, simpson",
+        ),
+        ("render spheres --shadows 1,2", 2, "--shadows must be numbers such as 1,2,3"),
+        ("render spheres --shadows 0,0,0", 2, "direction must not be zero"),
+        ("render spheres --lighting phong", 2, "--lighting must be one of center, average"),
+        ("render spheres --lighting center:x", 2, "or like interpolated:0.2:0.7:0.3:32"),
+        ("render spheres --lighting center:-1", 2, "ambient must be"),
+        ("render spheres --integrator riemann", 2, "step"),
+        ("render spheres --integrator riemann:left", 2, "step must be a number"),
+        ("render spheres --integrator riemann:0", 2, "step must be"),
+        ("render spheres --integrator riemann:1:left:2", 2, "riemann:1:left:2"),
+        ("render spheres --tf nope", 2, "bands, warm, surfaces, ct-bone"),
+        ("render spheres --tf 0:red", 2, "points[0]"),
+        ("render spheres --tf 0:red:0,9:reddish:1", 2, "points[1]"),
+        ("render spheres --tf nope.json", 1, "nope.json"),
+        ("render spheres --tf warm --domain 0,1", 2, "--domain is for presets and colour maps"),
+        ("render spheres --tf mri --domain 0,1,2", 2, "--domain must be numbers such as 0,255"),
+        ("render spheres --tf mri --domain 1,0", 2, "domain"),
+        ("render spheres --direction 1,2", 2, "--direction must be numbers"),
+        ("render spheres --direction 0,0,0", 2, "direction must not be zero"),
+        ("render spheres --up w", 2, "--up must be numbers"),
+        ("render spheres --camera 1,2,3", 2, "--camera must be numbers"),
+        ("render spheres --camera 1,2,3,4,5,6 --direction 1,0,0", 2, "not both"),
+        ("render spheres --view-angle 180", 2, "view_angle"),
+        ("render spheres --background nocolour", 2, "background"),
+        ("render spheres --termination 1", 2, "termination"),
+        ("render spheres --clip-plane 1,2,3", 2, "--clip-plane must be numbers such as 64,64,64,0,0,1, got '1,2,3'"),
+        ("render spheres --clip-plane 1,2,3,0,0,0", 2, "normal must not be zero"),
+        ("render spheres --clip-box 1,1,1,0,2,2", 2, "lo must be below hi"),
+        ("render spheres --clip-sphere 1,1,1,-1", 2, "radius must be finite and > 0"),
+        ("render spheres --device cuda:99", 2, "device"),
+        ("render spheres -o a.jpg", 2, "--output must end in .png, .exr"),
+        ("render spheres -o nowhere/a.png", 1, "--output must be in a folder that exists"),
+        ("render spheres -o a.exr --background white", 2, "--background is for .png"),
+        ("render volume.npy -o volume.npy", 2, "--output must not be the volume itself"),
+        ("render constant.npy", 2, "at least two different"),
+        ("info spheres --save-tf nope a.json", 2, "--save-tf must name one of bands, warm, surfaces"),
+        ("info spheres --save-tf bands a.txt", 2, "--save-tf must name a .json file"),
+        ("info spheres --save-tf bands nowhere/a.json", 1, "folder that exists"),
+    ],
+)
+def test_errors_are_one_line_and_nothing_is_written(run, arguments, code, message):
+    np.save("volume.npy", CUBE)
+    np.save("constant.npy", np.zeros((3, 3, 3), np.uint8))
+    Path("broken.nrrd").write_bytes(b"NRRD0005\ntype: uint8\ndimension: 3\nsizes: 9 9 9\nencoding: raw\n\nabc")
+    before = {path: path.read_bytes() for path in Path().iterdir()}
+    got, out, err = run(*arguments.split())
+    assert (got, out) == (code, "")
+    assert err.startswith("wvr: error: ") and message in err and err.count("\n") == 1
+    assert {path: path.read_bytes() for path in Path().iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (KeyboardInterrupt, 130, ""),
+        (MemoryError, 1, "wvr: error: MemoryError\n"),
+        (MemoryError("9 GiB\n needed"), 1, "wvr: error: 9 GiB needed\n"),
+        (OSError(28, "No space left", "a.png"), 1, "wvr: error: No space left: a.png\n"),
+    ],
+)
+def test_failures_while_rendering(run, monkeypatch, error, code, line):
+    def render(*arguments, **options):
+        raise error
+
+    monkeypatch.setattr(wvr, "render", render)
+    assert run("render", "spheres", "--dataset-size", SIZE) == (code, "", line)
+    assert not list(Path().iterdir())
+
+
+# Progress
+
+
+def test_the_log_goes_to_stderr_while_a_command_runs(run, rendered, monkeypatch):
+    spy = wvr.render
+
+    def render(*arguments, **options):
+        logging.getLogger("wvr").info("compiling the kernel %s", "march")
+        return spy(*arguments, **options)
+
+    monkeypatch.setattr(wvr, "render", render)
+    code, out, err = run("render", "spheres", "--dataset-size", SIZE)
+    assert (code, err) == (0, "wvr: compiling the kernel march\n") and out.count("\n") == 1
+    assert not logging.getLogger("wvr").handlers
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_spinner_with_the_stage_is_on_terminals_only(run, rendered, monkeypatch, terminal):
+    spy = wvr.render
+
+    def render(*arguments, **options):
+        time.sleep(0.3)
+        return spy(*arguments, **options)
+
+    monkeypatch.setattr(wvr, "render", render)
+    monkeypatch.setattr(stages, "Timer", lambda seconds, start: Timer(0.1, start))
+    monkeypatch.setenv("TTY_COMPATIBLE", "1" if terminal else "0")  # what Rich takes for a terminal
+    code, out, err = run("render", "spheres", "--dataset-size", SIZE)
+    assert code == 0 and out.count("\n") == 1
+    assert ("rendering" in err and "0:00:00" in err) if terminal else err == ""
+
+
+# As installed
+
+
+def test_the_installed_command(tmp_path):
+    script = Path(sys.executable).with_name("wvr")
+    if not script.exists():
+        pytest.skip("wvr is not installed beside this Python")
+
+    def wvr_command(*arguments):
+        return subprocess.run([script, *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+
+    done = wvr_command("render", "spheres", "--dataset-size", "16", "--size", "32x24", "--background", "white")
+    assert done.returncode == 0 and re.fullmatch(
+        r"spheres\.png: 32 x 24, .* samples, .* s, errors up to .*\n", done.stdout
+    )
+    pixels = np.asarray(PillowImage.open(tmp_path / "spheres.png"))
+    assert pixels.shape == (24, 32, 3) and tuple(pixels[0, 0]) == (255, 255, 255) and pixels[12, 16].min() < 255
+    failed = wvr_command("render", "spheres", "--size", "big")
+    assert failed.returncode == 2 and failed.stdout == "" and "Traceback" not in failed.stderr
+
+
+def test_help_needs_neither_pyvista_nor_matplotlib():
+    code = "import sys; from wvr.cli import main; sys.argv = ['wvr', 'render', '--help']; assert main() == 0\n"
+    code += "assert not {'pyvista', 'vtkmodules', 'matplotlib', 'PIL'} & set(sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "--integrator" in done.stdout
+    done = subprocess.run([sys.executable, "-m", "wvr", "--version"], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (0, f"{wvr.__version__}\n")
+
+
+def test_studies_are_listed_run_and_reported(run, monkeypatch):
+    code, out, err = run("study")
+    assert (code, err) == (0, "") and "lum2004: Lum, Wilson and Ma" in out and "    Table 1: " in out
+    monkeypatch.setattr("studies.runner.record", lambda out: f"{out} is recorded")
+    code, _, err = run("study", "lum2003")
+    assert code == 2 and "studies are frontier" in err
+    code, _, err = run("study", "lum2004", "--all")
+    assert code == 2 and "not both" in err
+
+    from studies import runner
+
+    asked = []
+    monkeypatch.setattr(runner, "run", lambda *arguments: asked.append(arguments) or ["lum2004, Table 1: too hard"])
+    code, out, err = run("study", "lum2004", "--quick", "--resume")
+    assert (code, out) == (1, "out/studies-quick/report.html\n") and "failed: lum2004, Table 1: too hard" in err
+    assert [study.name for study in asked[0][0]] == ["lum2004"] and asked[0][1:] == (
+        Path("out/studies-quick"),
+        True,
+        True,
+    )
+    _, out, _ = run("study", "--all", "-o", "here", "--record")
+    assert "here is recorded" in out
+    assert len(asked[1][0]) == len(runner.NAMES) and asked[1][1:] == (Path("here"), False, False)
+    monkeypatch.setattr(wvr, "__file__", "/nowhere/wvr/__init__.py")
+    code, _, err = run("study")
+    assert code == 1 and "not installed" in err
+
+
+def test_up_is_y_unless_the_file_says_where_the_head_is(run, rendered, tmp_path):
+    volume = spheres()
+    np.save("plain.npy", volume.numpy())
+    head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 12 12 12\nencoding: raw\n{}\n"
+    place = "space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n"
+    tmp_path.joinpath("head.nrrd").write_bytes(head.format(place).encode() + volume.numpy().tobytes())
+    for file, up in (("plain.npy", (0, 1, 0)), ("head.nrrd", (0, 0, 1))):
+        assert run("render", file)[0] == 0
+        np.testing.assert_array_equal(rendered["camera"].up, up)

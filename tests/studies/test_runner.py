@@ -1,0 +1,91 @@
+"""The runner keeps what is done and says what failed, and the report needs nothing else."""
+
+from pathlib import Path
+
+import pytest
+
+from studies import runner
+from studies.base.rows import write_rows
+from studies.base.study import Study
+
+
+@pytest.fixture
+def study():
+    """Of two parts; the second works as often as it is told to. And how often each was run."""
+    study = Study("made-up", "A study")
+    runs: list[str] = []
+
+    @study.part("Table 1")
+    def table(folder: Path, quick: bool) -> str:
+        """The first table."""
+        runs.append("table")
+        write_rows(folder, "table", "Some <numbers>", [{"x": 1, "error": 1e-3}])
+        return "One is one."
+
+    @study.part("Table 2")
+    def other(folder: Path, quick: bool) -> str:
+        """The second."""
+        runs.append("other")
+        if runs.count("other") == 1:
+            (folder / "half.csv").write_text("x")
+            raise ArithmeticError("too hard")
+        return "Done."
+
+    study.runs = runs
+    return study
+
+
+def test_runs_resume_where_they_ended(tmp_path, study, monkeypatch):
+    monkeypatch.setattr(runner, "find", lambda: [study])
+    assert runner.run([study], tmp_path) == ["made-up, Table 2: ArithmeticError: too hard"]
+    assert study.runs == ["table", "other"]  # the first table is not the end
+    page = (tmp_path / "report.html").read_text()
+    assert "One is one." in page and "Failed: ArithmeticError: too hard" in page and "Some &lt;numbers&gt;" in page
+    assert runner.run([study], tmp_path, resume=True) == []
+    assert study.runs == ["table", "other", "other"]
+    assert not (tmp_path / "made-up" / "other" / "half.csv").exists()
+    assert "Failed" not in (tmp_path / "report.html").read_text()
+    # What was made in small, or by other code, is not what is asked for.
+    runner.run([study], tmp_path, quick=True, resume=True)
+    assert len(study.runs) == 5
+    monkeypatch.setattr(runner, "_identity", lambda facts, quick: "other code")
+    runner.run([study], tmp_path, quick=True, resume=True)
+    assert len(study.runs) == 7
+    assert not [path for path in (tmp_path / "made-up").iterdir() if path.name.startswith(".")]
+
+
+def test_an_interrupted_run_keeps_what_is_done(tmp_path, study, monkeypatch):
+    def interrupted(folder: Path, quick: bool) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(runner, "find", lambda: [study])
+    study.part("Table 3")(interrupted)
+    study.runs.append("other")
+    with pytest.raises(KeyboardInterrupt):
+        runner.run([study], tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert "One is one." in page and "Not run." in page
+
+
+def test_whole_results_are_recorded(tmp_path, study, monkeypatch):
+    monkeypatch.setattr(runner, "find", lambda: [study])
+    monkeypatch.setattr(runner, "RECORDED", tmp_path / "docs")
+    (tmp_path / "docs").mkdir()
+    runner.run([study], tmp_path / "out")  # of which the second part fails
+    page = runner.record(tmp_path / "out").read_text()
+    assert "**One is one.**" in page and "[table.csv](made-up/table/table.csv)" in page and "Table 2" not in page
+    assert (tmp_path / "docs" / "made-up" / "table" / "table.csv").read_text().startswith("x,error")
+    runner.run([study], tmp_path / "quick", quick=True)
+    assert runner.record(tmp_path / "quick").read_text() == page
+
+
+def test_the_report_needs_nothing_else(results):
+    folder = results("lum2004")
+    page = (folder.parent / "report.html").read_text()
+    assert "http" not in page.replace("http://www.w3.org", "") and page.count('src="data:image/') >= 3
+    assert "215 times at 2048" in page and "quick: small scenes" in page
+
+
+def test_unknown_studies_are_refused():
+    with pytest.raises(ValueError, match=r"studies are frontier, .*, got frontir"):
+        runner.find(["frontir"])

@@ -1,0 +1,268 @@
+"""Renders that end early or in odd places: Ctrl-C, cancelled, in a forked child, by several threads at once.
+
+Frames here would take minutes; limits are far above what ending early takes and far below that.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+import warp as wp
+
+import wvr
+from wvr.launch import Lock, cancelling, get_device, launch, launch_in_turn
+
+TF = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.001)])
+SLOW = {"integrator": wvr.Riemann(0.001), "device": "cpu", "termination": 0}
+PYTHON = [sys.executable, "-c"]
+SCENE = """
+import os, signal, threading, time, numpy as np, wvr
+volume = wvr.datasets.load("blobs", 64)
+tf = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.001)])
+camera = wvr.Camera.fit(volume)
+slow = dict(integrator=wvr.Riemann(0.001), device="cpu", termination=0)
+wvr.render(volume, tf, camera, (1, 1), **slow)
+"""
+
+
+@wp.kernel(enable_backward=False)
+def fill(base: int, out: wp.array(dtype=int)):
+    out[wp.tid() + base] = 1
+
+
+@wp.kernel(enable_backward=False)
+def pass_on(base: int, step: int, out: wp.array(dtype=int)):
+    i = wp.tid() + base
+    out[i] = out[i] + step
+
+
+def run(code: str, *args: str) -> str:
+    done = subprocess.run([*PYTHON, SCENE + code, *args], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture
+def scene():
+    volume = wvr.datasets.load("blobs", 64)
+    return volume, TF, wvr.Camera.fit(volume)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+def test_a_forked_child_renders():
+    """After a render; and while another thread is in one, of the same renderer."""
+    run("""
+renderer = wvr.Renderer(volume, tf, **slow)
+cancel = threading.Event()
+def other():
+    try:
+        renderer.render(camera, (512, 512), cancel=cancel)
+    except wvr.Cancelled:
+        pass
+def child():
+    pid = os.fork()
+    if pid == 0:
+        renderer.render(camera, (2, 2))
+        os._exit(7)
+    end = time.monotonic() + 20
+    while time.monotonic() < end:
+        done, status = os.waitpid(pid, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(0.02)
+    os.kill(pid, 9)
+    os.waitpid(pid, 0)
+    return "never returned"
+assert child() == 7
+thread = threading.Thread(target=other)
+thread.start()
+time.sleep(0.5)
+outcome = child()
+cancel.set()
+thread.join()
+assert outcome == 7, outcome
+""")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_ctrl_c_leaves_nothing_running(threads):
+    run(f"""
+wvr.set_num_threads({threads})
+threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+start = time.monotonic()
+try:
+    wvr.render(volume, tf, camera, (512, 512), **slow)
+    raise SystemExit("not interrupted")
+except KeyboardInterrupt:
+    pass
+assert time.monotonic() - start < 8
+used = time.process_time()
+time.sleep(0.3)
+assert time.process_time() - used < 0.1
+start = time.monotonic()
+wvr.render(volume, tf, camera, (4, 4), **slow)
+assert time.monotonic() - start < 8
+""")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_ctrl_c_on_the_command_line(tmp_path):
+    command = "import sys; sys.argv[0] = 'wvr'; from wvr.cli import main; sys.exit(main())"
+    args = ["render", "blobs", "--integrator", "riemann:0.001", "--termination", "0", "-o", str(tmp_path / "a.png")]
+    process = subprocess.Popen([*PYTHON, command, *args], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    time.sleep(4)
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == 130 and out == "" and "Traceback" not in err
+
+
+@pytest.mark.parametrize("how", ["launch", "in turn"])
+@pytest.mark.parametrize("count", [1, 3])
+def test_an_error_in_a_strip_ends_the_others(how, count, threads, monkeypatch):
+    threads(count)
+    launch_once = wp.Launch.launch
+    begun = []
+
+    def fails(command, *args):
+        begun.append(None)
+        if len(begun) == 4:
+            raise OSError("no more")
+        time.sleep(0.01)
+        launch_once(command, *args)
+
+    monkeypatch.setattr(wp.Launch, "launch", fails)
+    out = wp.zeros(1000, dtype=int, device="cpu")
+    with pytest.raises(OSError, match="no more"):
+        if how == "launch":
+            launch(fill, 1000, [out], get_device("cpu"))
+        else:
+            launch_in_turn(pass_on, 1000, [(k,) for k in range(100)], [out], get_device("cpu"))
+    after = len(begun)
+    assert after <= 4 + 2 * count
+    time.sleep(0.05)
+    assert len(begun) == after
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_cancel(scene, count, threads):
+    """Ends a long frame; the renderer then renders what a new one does."""
+    threads(count)
+    volume, tf, camera = scene
+    renderer = wvr.Renderer(volume, tf, **SLOW)
+    event = threading.Event()
+    threading.Timer(0.5, event.set).start()
+    start = time.monotonic()
+    with pytest.raises(wvr.Cancelled):
+        renderer.render(camera, (512, 512), cancel=event)
+    assert time.monotonic() - start < 8
+    event.clear()
+    renderer.integrator = wvr.Riemann(0.5)
+    again = renderer.render(camera, (8, 8), cancel=event)
+    assert np.array_equal(again.rgba, wvr.render(*scene, (8, 8), **SLOW | {"integrator": wvr.Riemann(0.5)}).rgba)
+
+
+@pytest.mark.parametrize("options", [{}, {"integrator": wvr.Preintegrated(1.0)}, {"shadows": wvr.ConvolutionShadows()}])
+def test_cancelled_at_any_launch_keeps_nothing_half_made(options):
+    """Also where buffers of the frame before are built over."""
+
+    class After:
+        """Set from the n-th time on that it is looked at."""
+
+        def __init__(self, n):
+            self.left = n
+
+        def is_set(self):
+            self.left -= 1
+            return self.left < 0
+
+    first, second = wvr.datasets.load("blobs", 24), wvr.Volume(255 - wvr.datasets.load("blobs", 24).numpy())
+    camera = wvr.Camera.fit(first)
+    expected = [wvr.render(one, TF, camera, (8, 8), device="cpu", **options).rgba for one in (first, second)]
+    renderer = wvr.Renderer(first, TF, device="cpu", **options)
+    for n in (*range(12), 20, 40):
+        for volume, rgba in zip((first, second), expected, strict=True):
+            renderer.volume = volume
+            try:
+                renderer.render(camera, (8, 8), cancel=After(n))
+            except wvr.Cancelled:
+                renderer.volume = first
+                assert np.array_equal(renderer.render(camera, (8, 8)).rgba, expected[0])
+                renderer.volume = volume
+            assert np.array_equal(renderer.render(camera, (8, 8)).rgba, rgba)
+
+
+def test_cancel_before_it_begins(scene):
+    event = threading.Event()
+    event.set()
+    with pytest.raises(wvr.Cancelled):
+        wvr.render(*scene, (4, 4), device="cpu", cancel=event)
+    with pytest.raises(wvr.Cancelled):
+        wvr.single_scattering(*scene, (4, 4), device="cpu", cancel=event)
+    with cancelling(event), pytest.raises(wvr.Cancelled):
+        launch_in_turn(pass_on, 4, [(1,)], [wp.zeros(4, dtype=int, device="cpu")], get_device("cpu"))
+
+
+def test_cancel_of_single_scattering(scene):
+    """Also in the middle of a ray, of which each sample has many rays to the light."""
+    event = threading.Event()
+    threading.Timer(0.5, event.set).start()
+    start = time.monotonic()
+    with pytest.raises(wvr.Cancelled):
+        wvr.single_scattering(*scene, (8, 8), directions=10**5, step=0.1, device="cpu", cancel=event)
+    assert time.monotonic() - start < 10
+
+
+@pytest.mark.parametrize("call", [wvr.render, wvr.single_scattering])
+def test_cancel_must_be_an_event(scene, call):
+    with pytest.raises(TypeError, match=r"cancel must be a threading.Event or None, got True"):
+        call(*scene, (4, 4), device="cpu", cancel=True)
+
+
+def test_a_cancelled_frame_does_not_wait_for_the_one_before(scene):
+    event, lock = threading.Event(), Lock()
+    threading.Timer(0.1, event.set).start()
+    with lock.held(), pytest.raises(wvr.Cancelled), cancelling(event), lock.held():
+        pass
+    with lock.held():
+        pass
+
+
+def test_threads_that_share_a_renderer(blobs):
+    """Each image is of attributes that there were, though others assign to them meanwhile."""
+    camera = wvr.Camera.fit(blobs)
+    functions = [wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", opacity)]) for opacity in (0.1, 0.4, 0.7)]
+    options = {"integrator": wvr.Preintegrated(1.0), "device": "cpu"}
+    expected = [wvr.render(blobs, tf, camera, (16, 16), **options).rgba for tf in functions]
+    renderer = wvr.Renderer(blobs, functions[0], **options)
+    images: list[np.ndarray] = []
+
+    def work(seed: int) -> None:
+        for k in np.random.default_rng(seed).integers(3, size=15):
+            renderer.transfer_function = functions[k]
+            images.append(renderer.render(camera, (16, 16)).rgba)
+
+    workers = [threading.Thread(target=work, args=(seed,)) for seed in range(4)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    assert len(images) == 60
+    assert all(any(np.array_equal(image, one) for one in expected) for image in images)
+
+
+def test_many_threads(scene, threads, monkeypatch):
+    """No more than make sense, and all items are done."""
+    few = wvr.render(*scene, (40, 40), device="cpu").rgba
+    threads(100_000)
+    assert wvr.get_num_threads() == max(64, os.cpu_count())
+    assert np.array_equal(wvr.render(*scene, (40, 40), device="cpu").rgba, few)
+    monkeypatch.setattr("wvr.launch._threads", None)
+    monkeypatch.setenv("WVR_NUM_THREADS", "100000")
+    assert wvr.get_num_threads() == max(64, os.cpu_count())

@@ -1,0 +1,235 @@
+"""Arrays that are written into while a renderer keeps what it made of them: no image is stale, and no bound false."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+import wvr
+
+SIZE = (12, 12)
+TF = wvr.TransferFunction([(0, "red", 0.0), (0.2, "red", 0.0), (1, "white", 0.7)])
+
+
+class Shared:
+    """What PyTorch's tensors look like from outside: DLPack and nothing else."""
+
+    requires_grad = False
+
+    def __init__(self, array):
+        self.array = array
+
+    def __dlpack__(self, **options):
+        return self.array.__dlpack__(**options)
+
+    def __dlpack_device__(self):
+        return self.array.__dlpack_device__()
+
+
+def zeros(dtype="float32", shape=(9, 8, 7)):
+    return np.zeros(shape, dtype)
+
+
+def read_only_view(array):
+    view = array[:]
+    view.flags.writeable = False
+    return view
+
+
+def through_memory():
+    memory = bytearray(9 * 8 * 7 * 4)
+    return np.frombuffer(memory, np.float32).reshape(9, 8, 7)
+
+
+def through_warp():
+    array = wp.zeros((9, 8, 7), dtype=float, device="cpu")
+    return array, array.numpy()
+
+
+# (what the volume is made of, what is written into), which share memory.
+SOURCES = {
+    "array": lambda: (a := zeros(), a),
+    "uint8": lambda: (a := zeros("uint8"), a),
+    "float64": lambda: (a := zeros("float64"), a),
+    "one sample thick": lambda: (a := zeros(shape=(1, 8, 7)), a),
+    "part of a larger one": lambda: ((a := zeros(shape=(20, 8, 7)))[5:14], a[5:14]),
+    "view": lambda: ((a := zeros()).view(), a),
+    "read-only view": lambda: (read_only_view(a := zeros()), a),
+    "view of a read-only view": lambda: (read_only_view(a := zeros())[:], a),
+    "bytes": lambda: (a := through_memory(), a),
+    "read-only bytes": lambda: (read_only_view(a := through_memory()), a),
+    "Warp": through_warp,
+    "DLPack": lambda: (Shared(a := zeros()), a),
+}
+
+
+def assert_true(renderer, camera):
+    """That the kept renderer shows the samples as they are, within its bound; returns the largest opacity."""
+    volume = wvr.Volume(renderer.volume.numpy().copy(), nan=renderer.volume.nan)
+    exact = wvr.render(
+        volume,
+        renderer.transfer_function,
+        camera,
+        SIZE,
+        integrator=wvr.Exact(),
+        clip=renderer.clip,
+        segmentation=renderer.segmentation,
+    )
+    image = renderer.render(camera, SIZE)
+    error = np.abs(image.rgba - exact.rgba).max(-1)
+    if image.error_bound is None:
+        assert error.max() < 1e-13
+    else:
+        assert np.all(error <= image.error_bound)
+    return exact.rgba[..., 3].max()
+
+
+@pytest.mark.parametrize("said", [False, True])
+@pytest.mark.parametrize("name", SOURCES)
+def test_samples_written_under_a_kept_renderer(name, said):
+    source, target = SOURCES[name]()
+    volume = wvr.Volume(source)
+    camera = wvr.Camera.fit(volume)
+    for integrator in (wvr.Certified(1e-3), wvr.Exact()):
+        target[...] = 0
+        renderer = wvr.Renderer(volume, TF, integrator=integrator)
+        assert assert_true(renderer, camera) == 0
+        for value in (1, 0, 1):
+            target[:, 2:6, 2:6] = value
+            if said:
+                volume.changed()
+            assert (assert_true(renderer, camera) > 0.9) == value
+
+
+def test_samples_written_before_the_first_frame():
+    samples = zeros()
+    volume = wvr.Volume(samples)
+    assert volume.range == (0, 0)
+    samples[2:6, 2:6, 2:6] = 1
+    assert assert_true(wvr.Renderer(volume, TF), wvr.Camera.fit(volume)) > 0.9
+    assert volume.range == (0, 1)
+
+
+@pytest.mark.parametrize("make", [np.asfortranarray, lambda a: a.astype(">f4"), lambda a: a[::1, ::-1]])
+def test_a_volume_that_copied_its_samples_keeps_them(make):
+    samples = make(zeros())
+    volume = wvr.Volume(samples)
+    renderer, camera = wvr.Renderer(volume, TF), wvr.Camera.fit(volume)
+    for said in (False, True):
+        samples[...] = 1
+        if said:
+            volume.changed()
+        assert assert_true(renderer, camera) == 0
+
+
+def test_read_only_samples_that_were_written_all_the_same():
+    samples = zeros()
+    samples.flags.writeable = False
+    volume = wvr.Volume(samples)
+    renderer, camera = wvr.Renderer(volume, TF), wvr.Camera.fit(volume)
+    assert assert_true(renderer, camera) == 0
+    samples.flags.writeable = True
+    samples[2:6, 2:6, 2:6] = 1
+    samples.flags.writeable = False
+    volume.changed()
+    assert assert_true(renderer, camera) > 0.9
+
+
+@pytest.mark.parametrize("dtype, row", [("float64", 4093), ("uint8", 8 * 4093)])
+def test_samples_that_change_places(dtype, row):
+    samples = zeros(dtype, (2, 3, row))
+    samples[0, 0, : row // 2] = 1
+    volume = wvr.Volume(samples, spacing=(8 / row, 1, 1))
+    camera = wvr.Camera.fit(volume)
+    renderer = wvr.Renderer(volume, TF)
+    image = renderer.render(camera, SIZE)
+    samples[0] = samples[0, ::-1].copy()
+    exact = wvr.render(volume, TF, camera, SIZE, integrator=wvr.Exact())
+    assert np.abs(exact.rgba - image.rgba).max() > 0.01
+    image = renderer.render(camera, SIZE)
+    assert np.all(np.abs(exact.rgba - image.rgba).max(-1) <= image.error_bound)
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+def test_nan_written_in(number):
+    samples = zeros() + 1
+    volume = wvr.Volume(samples)
+    renderer, camera = wvr.Renderer(volume, TF), wvr.Camera.fit(volume)
+    assert assert_true(renderer, camera) > 0.9
+    samples[4, 4, 4] = number
+    for _ in range(2):
+        with pytest.raises(ValueError, match="array has 1 NaN or infinite"):
+            renderer.render(camera, SIZE)
+    with pytest.raises(ValueError, match="array has 1 NaN or infinite"):
+        volume.changed()
+    samples[4, 4, 4] = 0
+    assert assert_true(renderer, camera) > 0.9
+
+
+def test_nan_written_in_where_it_is_transparent():
+    samples = zeros() + 1
+    volume = wvr.Volume(samples, nan="transparent")
+    camera = wvr.Camera.fit(volume)
+    for integrator in (wvr.Certified(1e-3), wvr.Exact()):
+        samples[...] = 1
+        renderer = wvr.Renderer(volume, TF, integrator=integrator)
+        assert assert_true(renderer, camera) > 0.9
+        samples[2:7] = np.nan
+        assert 0 < assert_true(renderer, camera) < 0.999
+        samples[...] = np.nan
+        assert assert_true(renderer, camera) == 0
+        samples[...] = 1
+        assert assert_true(renderer, camera) > 0.9
+
+
+@pytest.mark.parametrize("integrator", [wvr.Certified(1e-3), wvr.Exact()])
+@pytest.mark.parametrize("said", [False, True])
+def test_a_clip_volume_written_under_a_kept_renderer(integrator, said):
+    volume = wvr.Volume(zeros() + 1)
+    camera = wvr.Camera.fit(volume)
+    samples = zeros("uint8")
+    region = wvr.Volume(samples)
+    renderer = wvr.Renderer(volume, TF, integrator=integrator, clip=wvr.ClipVolume(region, iso=0.5))
+    for value in (0, 1, 0):
+        samples[...] = value
+        if said:
+            region.changed()
+        assert (assert_true(renderer, camera) > 0.9) == value
+
+
+def test_nan_written_into_a_clip_volume():
+    volume = wvr.Volume(zeros() + 1)
+    camera = wvr.Camera.fit(volume)
+    for nan in ("error", "transparent"):
+        samples = zeros() + 1
+        clip = wvr.ClipVolume(wvr.Volume(samples, nan=nan), iso=0.5)
+        renderer = wvr.Renderer(volume, TF, clip=clip)
+        assert assert_true(renderer, camera) > 0.9
+        samples[3] = np.nan
+        with pytest.raises(ValueError, match=r"finite|NaN"):
+            renderer.render(camera, SIZE)
+
+
+@pytest.mark.parametrize("integrator", [wvr.Certified(1e-3), wvr.Exact()])
+@pytest.mark.parametrize("wrapped", [False, True])
+@pytest.mark.parametrize("dtype", ["uint8", "uint16"])
+def test_labels_written_under_a_kept_renderer(integrator, wrapped, dtype):
+    volume = wvr.Volume(zeros() + 1)
+    camera = wvr.Camera.fit(volume)
+    labels = zeros(dtype)
+    given = wvr.Volume(labels) if wrapped else labels
+    renderer = wvr.Renderer(volume, None, integrator=integrator, segmentation=wvr.Segmentation(given, {1: TF}))
+    for value in (0, 1, 0):
+        labels[...] = value
+        opacity = renderer.render(camera, SIZE).rgba[..., 3].max()
+        assert (opacity > 0.9) == value
+        assert (assert_true(renderer, camera) > 0.9) == value
+
+
+def test_scaled_samples_written_under_a_kept_renderer():
+    samples = zeros("float64")
+    volume = wvr.Volume(samples)
+    tf = wvr.TransferFunction([(0, "red", 0.0), (1e-200, "white", 0.7)])
+    renderer, camera = wvr.Renderer(volume, tf), wvr.Camera.fit(volume)
+    for value in (0.0, 1.0, 0.0):
+        samples[...] = value * 1e-200
+        assert (assert_true(renderer, camera) > 0.9) == value
