@@ -24,11 +24,11 @@ from studies.base.harness import (
     machine,
     summarize,
 )
-from wvr.renderer import DEFAULT
+from wvr.renderer import TOLERANCE
 
 from .scenes import make_scenes
 
-INTEGRATORS = (wvr.Riemann(1.0), DEFAULT)
+INTEGRATORS = (wvr.Riemann(1.0), wvr.Certified(TOLERANCE))
 BASELINE = "import wvr"
 EMPTY = "empty cache"
 CHILD = """\

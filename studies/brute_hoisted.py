@@ -4,9 +4,9 @@
 import warp as wp
 
 from wvr.kernels.segment import over
-from wvr.kernels.table import make_pieces
+from wvr.kernels.transfer.preintegration import make_pieces
 from wvr.launch import launch
-from wvr.tables import _Cut
+from wvr.transfer.running import Cut
 
 
 def make_hoisted():
@@ -47,7 +47,7 @@ def make_hoisted():
     return intervals, compose
 
 
-def build_hoisted(kernels, cut: _Cut, device: wp.Device) -> wp.array:
+def build_hoisted(kernels, cut: Cut, device: wp.Device) -> wp.array:
     """The table by :func:`make_hoisted`, without its diagonal."""
     intervals, compose = kernels
     n = cut.n

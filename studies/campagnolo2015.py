@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import warp as wp
@@ -63,7 +63,9 @@ def linear_opacity(tf: wvr.TransferFunction, unit: float, h: float, entries: int
     )
 
 
-def adaptive(tolerance: float, coupling: str = "coupled", **options: Any) -> wvr.AdaptiveSimpson:
+def adaptive(
+    tolerance: float, coupling: Literal["coupled", "decoupled"] = "coupled", **options: Any
+) -> wvr.AdaptiveSimpson:
     """With the paper's parameters."""
     return wvr.AdaptiveSimpson(tolerance, coupling=coupling, **{"scope": "ray"} | options)
 
@@ -168,7 +170,8 @@ def wide_steps(folder: Path, quick: bool) -> str:
     """Bonsai with steps from 0.4 to 4 voxels."""
     scene, (exact, sums) = make_scene("Bonsai", quick), references("Bonsai", quick)
     limit = TOLERANCES[-1]
-    methods = {name: adaptive(limit, name.lower(), hmin=0.4, hmax=4.0) for name in ("Coupled", "Decoupled")}
+    couplings: tuple[Literal["coupled", "decoupled"], ...] = ("coupled", "decoupled")
+    methods = {coupling.capitalize(): adaptive(limit, coupling, hmin=0.4, hmax=4.0) for coupling in couplings}
     images = {"Riemann h = 0.1": {limit: riemann(scene, 0.1)}}
     images |= {name: {limit: render(scene, integrator)} for name, integrator in methods.items()}
     shares = _share_rows("VI", images, exact, sums)

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import wvr
-from wvr.kernels.partial import PARTS
+from wvr.kernels.cuts.partial import PARTS
 
 from .base import scenes as views
 from .base.harness import save_figure

@@ -8,7 +8,7 @@ alone is compared; how many samples a voxel one sample of light needs to catch u
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import wvr
 from wvr.color import linear_to_srgb
 from wvr.integrators import Integrator
-from wvr.lighting import MODES
+from wvr.light.lighting import MODES, Mode
 
 from .base import scenes as views
 from .base.harness import COLORS, save_figure
@@ -39,7 +39,7 @@ def dense(scene: Scene, step: float, entries: int = 4) -> wvr.Renderer:
 
 def lit(renderer: wvr.Renderer, scene: Scene, mode: str, parts: int = 32) -> wvr.Image:
     """Segments lit in a mode."""
-    renderer.lighting = wvr.Lighting(mode, LIGHT, supersample=parts)
+    renderer.lighting = wvr.Lighting(cast(Mode, mode), LIGHT, supersample=parts)
     return renderer.render(scene.camera, scene.size)
 
 
@@ -131,7 +131,7 @@ def modes(folder: Path, quick: bool) -> str:
     return f"At one sample a voxel interpolated light has a part of the error of a single sample: {shares}."
 
 
-def timed(scene: Scene, mode: str, skip: bool) -> wvr.Renderer:
+def timed(scene: Scene, mode: Mode, skip: bool) -> wvr.Renderer:
     """As a user would render it, one sample a voxel."""
     return scene.renderer(wvr.Preintegrated(1.0), lighting=wvr.Lighting(mode, LIGHT), skip_empty=skip)
 

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 
 import wvr
 from wvr.launch import get_device
-from wvr.tables import _Cut, _generate
+from wvr.transfer.preintegration import generate
+from wvr.transfer.running import Cut
 
 from .base.harness import COLORS, save_figure
 from .base.reference import quadrature
@@ -54,13 +55,13 @@ def table1(folder: Path, quick: bool) -> str:
 
 
 def _table1_row(n: int, device: wp.Device, hoisted: tuple, with_brute: bool) -> dict:
-    cut = _Cut(random_transfer_function(), n, (0, 255), 1.0)
+    cut = Cut(random_transfer_function(), n, (0, 255), 1.0)
     colors = cut.colors(None)
 
     def time(generator: str, weights: str | None = None, lengths: tuple = (1.0,), rounds: int = 5) -> float:
         def build() -> None:
             for length in lengths:
-                _generate(colors, cut, length, generator, weights, "float32", device)
+                generate(colors, cut, length, generator, weights, "float32", device)
             wp.synchronize_device(device)
 
         return seconds(build, rounds)

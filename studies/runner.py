@@ -43,8 +43,8 @@ NAMES = (
     "stability",
     "gallery",
 )
-RECORDED = Path(__file__).parents[1] / "docs/results"
 ROOT = Path(__file__).parents[1]
+RECORDED = ROOT / "docs/results"
 SOURCES = ("wvr", "kernels", "studies", "benchmarks")
 RECORD = "part.json"
 

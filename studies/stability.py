@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -28,7 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 
 import wvr
 from wvr.integrators import Integrator
-from wvr.lighting import MODES
+from wvr.light.lighting import MODES
+from wvr.transfer.preintegration import Weights
 
 from .base.harness import save_figure
 from .base.reference import integrate, quadrature
@@ -36,6 +37,7 @@ from .base.rows import write_rows
 from .base.scenes import Scene
 from .base.study import Study
 
+Precision = Literal["float32", "float64"]
 STUDY = Study("stability", "Stability: what breaks where, for inputs far from ordinary")
 
 DEPTHS = (1e-12, 1e-9, 1e-6, 1e-4, 1e-2, 0.1, 1.0, 10.0, 1e3, 1e6)
@@ -45,7 +47,7 @@ SCHEMES = ("incremental", "weighted", "lum", "brute", "approximate")
 BRUTE_UP_TO = 256
 BASELINES = ("lum", "approximate")  # without a promise
 # The bounds that are promised.
-PROMISED = {"float32": 2e-6, "float64": 1e-12}
+PROMISED: dict[Precision, float] = {"float32": 2e-6, "float64": 1e-12}
 COUNTS = ("NaN or Inf", "negative", "opacity outside [0, 1]")
 
 
@@ -66,17 +68,17 @@ def make_transfer_function(kind: str, n: int, depth: float, rng: np.random.Gener
     return wvr.TransferFunction.from_arrays(s, rng.random((len(s), 3)), opacity), length
 
 
-def make_table(scheme: str, tf: wvr.TransferFunction, n: int, length: float, precision: str) -> wvr.Table:
+def make_table(scheme: str, tf: wvr.TransferFunction, n: int, length: float, precision: Precision) -> wvr.Table:
     """The table of a generator or weighting."""
     if scheme == "brute":
         return wvr.preintegrate(tf, n, length, (0, 1), "brute", precision=precision)
     if scheme == "approximate":
         return wvr.preintegrate(tf, n, length, (0, 1), "approximate", precision=precision)
-    weights = {"incremental": None, "weighted": "lighting", "lum": "lum"}[scheme]
-    return wvr.preintegrate(tf, n, length, (0, 1), weights=weights, precision=precision)
+    weighted: dict[str, Weights | None] = {"incremental": None, "weighted": "lighting", "lum": "lum"}
+    return wvr.preintegrate(tf, n, length, (0, 1), weights=weighted[scheme], precision=precision)
 
 
-def faults(table: wvr.Table, scheme: str) -> dict[str, int]:
+def faults(table: wvr.Table) -> dict[str, int]:
     """Entries that no segment can have."""
     counts = dict.fromkeys(COUNTS, 0)
     for entries in (table.rgba, table.front, table.back):
@@ -107,8 +109,8 @@ def error(table: wvr.Table, scheme: str, tf: wvr.TransferFunction, pairs: NDArra
 def sweep(depths: tuple[float, ...], sizes: tuple[int, ...], entries: int) -> list[dict]:
     """A row for every combination."""
     kinds = ("constant", "ramp", "spike", "step", "nearest", "random")
-    cases: list[tuple[str, float, int, str, tuple[str, ...]]] = [
-        (*case, SCHEMES) for case in product(kinds, depths, sizes, ("float32", "float64"))
+    cases: list[tuple[str, float, int, Precision, tuple[str, ...]]] = [
+        (*case, SCHEMES) for case in product(kinds, depths, sizes, PROMISED)
     ]
     if max(sizes) >= 1024:
         cases += [
@@ -133,7 +135,7 @@ def sweep(depths: tuple[float, ...], sizes: tuple[int, ...], entries: int) -> li
                     "depth": depth,
                     "n": n,
                     "max error": error(table, scheme, tf, pairs, length),
-                    **faults(table, scheme),
+                    **faults(table),
                 }
             )
     return rows
