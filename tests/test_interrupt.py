@@ -20,8 +20,11 @@ from wvr.launch import Lock, cancelling, get_device, launch, launch_in_turn
 TF = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.001)])
 SLOW = {"integrator": wvr.Riemann(0.001), "device": "cpu", "termination": 0}
 PYTHON = [sys.executable, "-c"]
-SCENE = """
-import os, signal, threading, time, numpy as np, wvr
+# Jobs in the background are started with Ctrl-C ignored.
+LISTEN = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+SCENE = f"""
+{LISTEN}
+import os, threading, time, numpy as np, wvr
 volume = wvr.datasets.load("blobs", 64)
 tf = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.001)])
 camera = wvr.Camera.fit(volume)
@@ -45,6 +48,14 @@ def run(code: str, *args: str) -> str:
     done = subprocess.run([*PYTHON, SCENE + code, *args], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+@pytest.fixture(autouse=True)
+def ctrl_c():
+    """Is listened to, also where the tests run in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture
@@ -113,7 +124,7 @@ assert time.monotonic() - start < 8
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_ctrl_c_on_the_command_line(tmp_path):
-    command = "import sys; sys.argv[0] = 'wvr'; from wvr.cli import main; sys.exit(main())"
+    command = f"{LISTEN}; import sys; sys.argv[0] = 'wvr'; from wvr.cli import main; sys.exit(main())"
     args = ["render", "blobs", "--integrator", "riemann:0.001", "--termination", "0", "-o", str(tmp_path / "a.png")]
     process = subprocess.Popen([*PYTHON, command, *args], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     time.sleep(4)
