@@ -11,6 +11,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import warp as wp
@@ -74,6 +75,9 @@ class Budget:
         return self.rest / 12 / (self.brightest * self.longest)
 
 
+_budgets: WeakKeyDictionary[Scene, Budget] = WeakKeyDictionary()
+
+
 @dataclass(frozen=True)
 class Certified(Integrator):
     """Every channel of every pixel within a tolerance of the true integral, with a bound for each pixel.
@@ -123,7 +127,12 @@ class Certified(Integrator):
         return "float64"
 
     def budget(self, scene: Scene) -> Budget:
-        """What is spent on what."""
+        """What is spent on what; counted once a scene."""
+        if scene not in _budgets:
+            _budgets[scene] = self._budget(scene)
+        return _budgets[scene]
+
+    def _budget(self, scene: Scene) -> Budget:
         rounding = scene.brightest * (SUMS + float(np.finfo(self.shown(scene)).eps) / 2)
         longest = scene.volume.longest
         blurred = blur(scene)
