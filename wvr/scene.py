@@ -64,7 +64,8 @@ class Scene:
             optional = optional or (name == "transfer_function" and self.segmentation is not None)
             if not isinstance(value, accepted) and not (optional and value is None):
                 kind = "Volume" if accepted is Field else accepted.__name__
-                raise TypeError(f"{name} must be a{'n' * (kind[0] in 'AEIO')} {kind}, got {_described(value)}")
+                more = " or None" if optional else " such as those of wvr.integrators" if accepted is Integrator else ""
+                raise TypeError(f"{name} must be a{'n' * (kind[0] in 'AEIO')} {kind}{more}, got {_described(value)}")
         choice(self.precision, "precision", ("auto", *REALS))
         if not isinstance(self.skip_empty, bool | np.bool_):
             raise TypeError(f"skip_empty must be True or False, got {self.skip_empty!r}")

@@ -292,7 +292,7 @@ def test_errors_of_rendering(blobs):
         ValueError, match=r"segmentation must have labels of the volume's shape \(32, 32, 32\), got \(16"
     ):
         wvr.render(blobs, None, camera, (4, 4), segmentation=wvr.Segmentation(LABELS[::2], {1: RED}))
-    with pytest.raises(TypeError, match="segmentation must be a Segmentation, got ndarray"):
+    with pytest.raises(TypeError, match="segmentation must be a Segmentation or None, got ndarray"):
         wvr.render(blobs, RED, camera, (4, 4), segmentation=LABELS)
     with pytest.raises(TypeError, match="transfer_function must be a TransferFunction, got NoneType"):
         wvr.render(blobs, None, camera, (4, 4))

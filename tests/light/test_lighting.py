@@ -357,7 +357,7 @@ def test_bad_input(make, message):
 
 def test_bad_input_of_render(blobs, smooth_tf):
     camera = wvr.Camera.fit(blobs)
-    with pytest.raises(TypeError, match="lighting must be a Lighting, got True"):
+    with pytest.raises(TypeError, match="lighting must be a Lighting or None, got True"):
         wvr.render(blobs, smooth_tf, camera, lighting=True)
     with pytest.raises(ValueError, match='generator="approximate"'):
         wvr.render(

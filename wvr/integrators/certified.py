@@ -178,7 +178,8 @@ class Certified(Integrator):
             )
             bright = f" for colours up to {scene.brightest:.3g}" if scene.brightest > 1 else ""
             raise ValueError(
-                f"tolerance must be at least {least:.2g}{bright}{farther}, or rounding exceeds it: {self.tolerance!r}"
+                f"tolerance must be at least {least:.2g}{bright}{farther}, or rounding exceeds it; "
+                f"got {self.tolerance!r}"
             )
 
     def report(self, frame: Frame) -> dict[str, Any]:
