@@ -1,6 +1,6 @@
-"""How long a segment may be in each block of cells.
+"""How long a segment may be in each cube of cells, which is of several blocks so that steps may be longer.
 
-How far the scalar along a ray is from its chord over a step of length h inside a block: in a cell its second derivative
+How far the scalar along a ray is from its chord over a step of length h inside a cube: in a cell its second derivative
 is made of mixed differences alone, at most ``curve``; at each face of cells its slope jumps by the second difference
 across it. A kink at u adds u (h - u) / 2 <= h^2 / 8 to the integral of the deviation, and kinks a length w apart
 h^3 / 12w + h^2 / 8 in all, because what they add has one maximum. With the directions' worst case, the integral is at
@@ -16,12 +16,21 @@ from .blocks import BITS, unravel
 from .cell import vec8d
 from .samples import make_samples
 
+# Cells along an axis of a cube, as a power of two.
+CUBE = wp.constant(3)
+MORE = wp.constant(int(CUBE) - int(BITS))
+
+
+def cubes(shape):
+    """Number of cubes along each axis of samples of a ``shape``, two or more along each."""
+    return tuple(-(-(n - 1) // (1 << int(CUBE))) for n in shape)
+
 
 @cache
 def make_bends(dtype):
-    """Kernel ``(base, field, scale, bends)`` over blocks: how far the field may be from linear along any ray in it.
+    """Kernel ``(base, field, scale, bends)`` over cubes: how far the field may be from linear along any ray in it.
 
-    ``scale`` is the length unit over the spacing of each axis. A bend is (kinks, curve and kinks per length); a block
+    ``scale`` is the length unit over the spacing of each axis. A bend is (kinks, curve and kinks per length); a cube
     with an absent cell bends without limit, so that steps in it find where the data end.
     """
     Field = make_samples(dtype)
@@ -39,10 +48,10 @@ def make_bends(dtype):
     @wp.kernel(enable_backward=False, module="unique")
     def bends(base: int, field: Field, scale: wp.vec3d, result: wp.array3d(dtype=wp.vec2d)):
         data = field.data
-        bk, bj, bi = unravel(wp.tid() + base, result.shape[1], result.shape[2])
-        k0 = wp.max(bk << BITS, 0)
-        j0 = wp.max(bj << BITS, 0)
-        i0 = wp.max(bi << BITS, 0)
+        ck, cj, ci = unravel(wp.tid() + base, result.shape[1], result.shape[2])
+        k0 = wp.max(ck << CUBE, 0)
+        j0 = wp.max(cj << CUBE, 0)
+        i0 = wp.max(ci << CUBE, 0)
         sx = wp.float64(0.0)
         sy = wp.float64(0.0)
         sz = wp.float64(0.0)
@@ -50,10 +59,10 @@ def make_bends(dtype):
         xz = wp.float64(0.0)
         xy = wp.float64(0.0)
         total = wp.float64(0.0)
-        # Differences of samples of this block only: steps end where the block ends.
-        k1 = wp.min(k0 + (1 << BITS), data.shape[0] - 1)
-        j1 = wp.min(j0 + (1 << BITS), data.shape[1] - 1)
-        i1 = wp.min(i0 + (1 << BITS), data.shape[2] - 1)
+        # Differences of samples of this cube only: steps end where the cube ends.
+        k1 = wp.min(k0 + (1 << CUBE), data.shape[0] - 1)
+        j1 = wp.min(j0 + (1 << CUBE), data.shape[1] - 1)
+        i1 = wp.min(i0 + (1 << CUBE), data.shape[2] - 1)
         for k in range(k0, k1 + 1):
             ka = wp.min(k + 1, k1)
             kb = wp.min(k + 2, k1)
@@ -99,15 +108,15 @@ def make_bends(dtype):
             curve = wp.sqrt(wp.float64(wp.static(4.0 / 3.0))) * wp.length(form)
             jumps = wp.cw_mul(scale, second)
             bend = wp.vec2d(wp.length(jumps), curve + wp.max(wp.cw_mul(scale, jumps)))
-        result[bk, bj, bi] = bend
+        result[ck, cj, ci] = bend
 
     return bends
 
 
 @cache
 def make_distances(dtype, real):
-    """Kernel ``(base, ranges, bends, shift, tf, maxima, tolerance, distances)`` over rows of blocks along x: how long a
-    step may be.
+    """Kernel ``(base, ranges, bends, shift, tf, maxima, tolerance, distances)`` over rows of cubes along x: how long a
+    step may be, by the ranges of blocks.
 
     The longest over which two errors together are within the tolerance: that of optical depth and colour because the
     scalar is not linear, and that of colour because attenuation inside the step is taken to be even, at most
@@ -125,6 +134,20 @@ def make_distances(dtype, real):
             level += 1
         return wp.max(maxima[level, first], maxima[level, last + 1 - (1 << level)])
 
+    @wp.func
+    def range_of(ranges: wp.array3d(dtype=pair), ck: int, cj: int, ci: int):
+        """Smallest and largest of the blocks of a cube, the wrong way round if there is none."""
+        span = pair(dtype(1), dtype(0))
+        for bk in range(ck << MORE, wp.min((ck + 1) << MORE, ranges.shape[0])):
+            for bj in range(cj << MORE, wp.min((cj + 1) << MORE, ranges.shape[1])):
+                for bi in range(ci << MORE, wp.min((ci + 1) << MORE, ranges.shape[2])):
+                    one = ranges[bk, bj, bi]
+                    if one[0] <= one[1]:
+                        known = span[0] <= span[1]
+                        span[0] = wp.where(known and span[0] < one[0], span[0], one[0])
+                        span[1] = wp.where(known and span[1] > one[1], span[1], one[1])
+        return span
+
     @wp.kernel(enable_backward=False, module="unique")
     def distances(
         base: int,
@@ -137,11 +160,11 @@ def make_distances(dtype, real):
         result: wp.array3d(dtype=wp.float32),
     ):
         item = wp.tid() + base
-        bk = item // result.shape[1]
-        bj = item - bk * result.shape[1]
-        for bi in range(result.shape[2]):
-            span = ranges[bk, bj, bi]
-            bend = bends[bk, bj, bi]
+        ck = item // result.shape[1]
+        cj = item - ck * result.shape[1]
+        for ci in range(result.shape[2]):
+            span = range_of(ranges, ck, cj, ci)
+            bend = bends[ck, cj, ci]
             # The error is at most a h^2 + b h^3.
             a = wp.float64(0.0)
             b = wp.float64(0.0)
@@ -167,6 +190,6 @@ def make_distances(dtype, real):
                 # The error is convex in h: from too long a step Newton's method comes down to the root.
                 for _ in range(5):
                     h -= (h * h * (a + h * b) - tolerance) / (h * (wp.float64(2.0) * a + wp.float64(3.0) * h * b))
-            result[bk, bj, bi] = wp.float32(h)
+            result[ck, cj, ci] = wp.float32(h)
 
     return distances

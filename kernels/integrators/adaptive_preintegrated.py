@@ -1,7 +1,8 @@
-"""Adaptive pre-integration (Roettger et al. 2003, section 4): each block says how long a segment in it may be.
+"""Adaptive pre-integration (Roettger et al. 2003, section 4): each cube of cells says how long a segment in it may be.
 
-A ray goes from block to block. Blocks without any extinction are left at once (space leaping); the others are crossed
-in equal steps, as few as the block's sampling distance allows, so that no step reaches into a block with a shorter one.
+A ray crosses a cube in equal steps, as few as the cube's sampling distance allows, so that no step reaches into a cube
+with a shorter one. Blocks without any extinction are leapt over (space leaping), which leaves out the steps up to the
+first block in a cube with any.
 A step's error counts by the transparency in front of it, so distances grow as a ray becomes opaque: with its cube root,
 because the error may grow with the cube of the step.
 
@@ -15,8 +16,9 @@ from functools import cache
 
 import warp as wp
 
+from ..field.bends import CUBE
 from ..field.blocks import BITS, EMPTY
-from ..field.walk import make_walk, make_within
+from ..field.walk import MARGIN, make_reached, make_walk, make_within
 from ..light.points import intensity_of, make_shading
 from ..precision import vec3_of, vec4_of
 from ..segment import make_absorbed, over, widened
@@ -32,7 +34,7 @@ PACKET = 4
 class Stretchable:
     shortest: wp.float64  # [smallest voxel spacing]
     tolerance: wp.float64  # of a step
-    distance: wp.array3d(dtype=wp.float32)  # [z, y, x] of blocks: how long a step may be, as of ``bends``
+    distance: wp.array3d(dtype=wp.float32)  # [z, y, x] of cubes: how long a step may be, as of ``bends``
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,8 @@ def make_adaptive_preintegrated(halves):
     value = halves.field.value(real)
     _, lookup = make_table(real)
     absorbed, _ = make_absorbed(real)
-    _, enter, leap, _ = make_walk(real)
+    Walk, enter, leap, _ = make_walk(real)
+    reached = make_reached(real)
     within = make_within(real)
     lighted = halves.light is not None
     _, interval, _ = make_transfer(real)
@@ -86,6 +89,18 @@ def make_adaptive_preintegrated(halves):
         return q[3] * lit(scene, color, interval(scene.transfer, s), s, I)
 
     @wp.func
+    def entered(w: Walk):
+        """Where the ray entered the cube that it is in, or began in it."""
+        t = real(0.0)
+        for a in range(3):
+            edge = w.cell[a] >> CUBE
+            face = wp.where(w.inverse[a] > real(0.0), edge, edge + 1) << CUBE
+            # Along an axis without faces to cross it is far ahead.
+            at = reached(real(face), w.anchor[a], w.inverse[a])
+            t = wp.where(at <= w.t and at > t, at, t)
+        return t
+
+    @wp.func
     def march(scene: Scene, first: wp.vec3d, along: wp.vec3d, begin: wp.float64, end: wp.float64):
         # Along the stretch in the march's own precision, from where it begins.
         origin = vec3(first + begin * along)
@@ -102,25 +117,30 @@ def make_adaptive_preintegrated(halves):
         shone = real(-1.0)
         w = enter(scene.field.last, origin, direction, real(0.0))
         while w.t < length and ray[3] <= scene.opaque:
-            t = w.t
-            i = wp.max(w.cell[0], 0) >> BITS
-            j = wp.max(w.cell[1], 0) >> BITS
-            k = wp.max(w.cell[2], 0) >> BITS
+            come = w.t
+            t = come
+            i = wp.max(w.cell[0], 0)
+            j = wp.max(w.cell[1], 0)
+            k = wp.max(w.cell[2], 0)
             kind = int(0)
             if wp.static(halves.skip):
-                kind = int(scene.blocks.kinds[k, j, i])
-            w = leap(w, BITS, wp.max(EMPTY - kind, 0))
+                kind = int(scene.blocks.kinds[k >> BITS, j >> BITS, i >> BITS])
+            visible = kind > EMPTY
+            if visible:
+                t = entered(w)
+            w = leap(w, wp.where(visible, CUBE, BITS), wp.max(EMPTY - kind, 0))
             # The outermost blocks end with the box.
             w.t = wp.where(w.t >= w.out, length, wp.min(w.t, length))
-            visible = w.t > t and kind > EMPTY
+            visible = visible and w.t > come
             if visible:
-                if not known:
-                    front = value(scene.field, origin + t * direction)
                 fade = wp.pow(wp.max(wp.float64(1.0) - ray[3], wp.float64(1.0e-9)), wp.float64(wp.static(-1.0 / 3.0)))
-                distance = wp.float64(scene.march.distance[k, j, i]) * fade
+                distance = wp.float64(scene.march.distance[k >> CUBE, j >> CUBE, i >> CUBE]) * fade
                 steps = wp.max(int(wp.ceil((w.t - t) / real(wp.max(distance, scene.march.shortest)))), 1)
                 h = (w.t - t) / real(steps)
-                n = int(0)
+                skipped = wp.max(int((come - t) / h - real(wp.static(MARGIN))), 0)
+                if not known or skipped > 0:
+                    front = value(scene.field, origin + (t + real(skipped) * h) * direction)
+                n = int(skipped)
                 while n < steps and ray[3] <= scene.opaque:
                     s = packet()
                     for l in range(wp.static(PACKET)):
@@ -147,11 +167,12 @@ def make_adaptive_preintegrated(halves):
                                 ray = over(ray, segment(q, h))
                             front = s[l]
                             if wp.static(traced):
-                                record(scene, count + n + l, begin + wp.float64(t + real(n + l) * h), h, distance, ray)
+                                at = begin + wp.float64(t + real(n + l) * h)
+                                record(scene, count + n - skipped + l, at, h, distance, ray)
                     n += wp.static(PACKET)
-                count += wp.min(n, steps)
+                count += wp.min(n, steps) - skipped
                 known = True
-            elif w.t > t:
+            elif w.t > come:
                 known = False
         return ray, count, wp.float64(0.0)
 

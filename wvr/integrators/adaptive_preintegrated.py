@@ -1,4 +1,4 @@
-"""Adaptive pre-integration, and how long its steps may be in each block."""
+"""Adaptive pre-integration, and how long its steps may be in each cube of cells."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from ..field.blocks import Ranges, rows_of
 from ..field.samples import samples_struct
 from ..keep import Keeper, Part
-from ..kernels.field.bends import make_bends, make_distances, vec8d
+from ..kernels.cuts.labels import MIXED
+from ..kernels.field.bends import MORE, cubes, make_bends, make_distances, vec8d
 from ..kernels.integrators.adaptive_preintegrated import Half
 from ..kernels.precision import REALS
 from ..launch import launch
@@ -30,9 +32,9 @@ if TYPE_CHECKING:
 class AdaptivePreintegrated(Integrator):
     """Pre-integrated segments as long as the field is straight enough where the transfer function sees it.
 
-    The adaptive pre-integration of Roettger et al., "Smart Hardware-Accelerated Volume Rendering" (2003): each block of
-    4 cells along each axis has its longest step, from bounds on the field's second differences and on the transfer
-    function's slopes over the block's range. Blocks without any extinction are leapt over.
+    The adaptive pre-integration of Roettger et al., "Smart Hardware-Accelerated Volume Rendering" (2003): each cube of
+    8 cells along each axis has its longest step, from bounds on the field's second differences and on the transfer
+    function's slopes over the cube's range. Blocks without any extinction are leapt over.
 
     Parameters
     ----------
@@ -97,7 +99,7 @@ class AdaptivePreintegrated(Integrator):
 
 @dataclass(frozen=True)
 class Bends(Part):
-    """How far the field may be from linear along any ray in each block, for axes of so many nodes a unit length."""
+    """How far the field may be from linear along any ray in each cube, for axes of so many nodes a unit length."""
 
     ranges: Ranges
     scale: tuple[float, ...]
@@ -105,7 +107,7 @@ class Bends(Part):
 
     def build(self, keep: Keeper) -> wp.array:
         data = keep(self.ranges.data)
-        result = keep.empty(keep(self.ranges).shape, wp.vec2d)
+        result = keep.empty(cubes(data.shape), wp.vec2d)
         inputs = [samples_struct(data), wp.vec3d(*self.scale), result]
         launch(make_bends(data.dtype), result.size, inputs, keep.device)
         return result
@@ -113,7 +115,7 @@ class Bends(Part):
 
 @dataclass(frozen=True)
 class Distances(Part):
-    """How long a step may be in each block of cells, by a tolerance; where there are labels, by those of the block."""
+    """How long a step may be in each cube of cells, by a tolerance; where there are labels, by those of the cube."""
 
     bends: Bends
     functions: tuple[Part, ...]
@@ -125,8 +127,8 @@ class Distances(Part):
         each = [self._of(function, keep) for function in self.functions]
         if self.kinds is None:
             return each[0]
-        # By its own transfer function in a block of one, else the shortest of all.
-        held = keep(self.kinds).held.numpy()
+        # By its own transfer function in a cube of one, else the shortest of all.
+        held = together(keep(self.kinds).held.numpy())
         result = np.min([one.numpy() for one in each], axis=0)
         for state, one in enumerate(each):
             result = np.where(held == state, one.numpy(), result)
@@ -135,12 +137,21 @@ class Distances(Part):
     def _of(self, function: Part, keep: Keeper) -> wp.array:
         assert isinstance(function, Transfer)
         ranges = keep(self.bends.ranges)
-        result = keep.empty(ranges.shape, wp.float32)
+        result = keep.empty(keep(self.bends).shape, wp.float32)
         maxima = range_maxima(function.function, function.unit, keep.device)
         kernel = make_distances(keep(self.bends.ranges.data).dtype, REALS[function.precision])
         inputs = [ranges, keep(self.bends), wp.float64(function.shift), keep(function), maxima]
         launch(kernel, rows_of(result), [*inputs, wp.float64(self.tolerance), result], keep.device)
         return result
+
+
+def together(held: NDArray[np.int32]) -> NDArray[np.int32]:
+    """States of cubes by those of their blocks: ``MIXED`` where those differ."""
+    size = 1 << int(MORE)
+    padded = np.pad(held, [(0, -n % size) for n in held.shape], mode="edge")
+    blocks = padded.reshape([m for n in padded.shape for m in (n // size, size)])
+    least, most = blocks.min(axis=(1, 3, 5)), blocks.max(axis=(1, 3, 5))
+    return np.where(least == most, least, np.int32(MIXED))
 
 
 def range_maxima(tf: TransferFunction, unit: float, device: wp.Device) -> wp.array:
