@@ -130,12 +130,16 @@ def make_kinds(dtype):
         item = wp.tid() + base
         bk = item // result.shape[1]
         bj = item - bk * result.shape[1]
+        # Most blocks that are empty lie below all that has extinction.
+        least = -wp.float64(wp.inf)
+        if tf.visible[0] > 0:
+            least = tf.knot[wp.min(tf.visible[0], tf.knot.shape[0] - 1)]
         for bi in range(result.shape[2]):
             span = ranges[bk, bj, bi]
             low = wp.float64(span[0]) - field.shift
             high = wp.float64(span[1]) - field.shift
             kind = int(EMPTY)
-            if low <= high:
+            if low <= high and high >= least:
                 first = interval(tf, low)
                 end = interval(tf, high)
                 if not nothing(tf, first, end, high):
