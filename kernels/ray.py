@@ -76,14 +76,27 @@ def item(width, x, y):
 
 
 @wp.func
-def inside(low: wp.vec3d, high: wp.vec3d, origin: wp.vec3d, direction: wp.vec3d, start: wp.float64, end: wp.float64):
-    """The part of [start, end] in which a ray is inside a box, the wrong way round if there is none."""
+def inverted(direction: wp.vec3d):
+    """One over each component; 0 along an axis that a ray is across."""
+    inverse = wp.vec3d()
     for a in range(3):
         if direction[a] != wp.float64(0.0):
-            t0 = (low[a] - origin[a]) / direction[a]
-            t1 = (high[a] - origin[a]) / direction[a]
-            start = wp.max(start, wp.min(t0, t1))
-            end = wp.min(end, wp.max(t0, t1))
+            inverse[a] = wp.float64(1.0) / direction[a]
+    return inverse
+
+
+@wp.func
+def inside(low: wp.vec3d, high: wp.vec3d, origin: wp.vec3d, inverse: wp.vec3d, start: wp.float64, end: wp.float64):
+    """The part of [start, end] in which a ray is inside a box, the wrong way round if there is none."""
+    # Comparisons, since Warp's min and max also look for NaN.
+    for a in range(3):
+        if inverse[a] != wp.float64(0.0):
+            t0 = (low[a] - origin[a]) * inverse[a]
+            t1 = (high[a] - origin[a]) * inverse[a]
+            near = wp.where(t0 < t1, t0, t1)
+            far = wp.where(t0 < t1, t1, t0)
+            start = wp.where(near > start, near, start)
+            end = wp.where(far < end, far, end)
         elif origin[a] < low[a] or origin[a] > high[a]:
             end = -FAR
     return start, end
@@ -94,11 +107,12 @@ def entry(view: View, x: int, y: int):
     """Entry point and direction in index coordinates, and the length inside the box (<= 0: missed)."""
     anchor = view.anchor + wp.float64(x) * view.right + wp.float64(y) * view.down
     way = view.way + wp.float64(x) * view.way_right + wp.float64(y) * view.way_down
-    direction = view.unit * (view.to_index @ wp.normalize(way))
+    size = wp.length(way)
+    direction = (view.unit / size) * (view.to_index @ way)
     first = -FAR
     if view.perspective:
-        first = -view.depth * wp.length(way) / view.unit
-    start, end = inside(view.low, view.high, anchor, direction, first, FAR)
+        first = -view.depth * size / view.unit
+    start, end = inside(view.low, view.high, anchor, inverted(direction), first, FAR)
     point = anchor + start * direction
     for a in range(3):
         point[a] = wp.clamp(point[a], view.low[a], view.high[a])

@@ -10,7 +10,7 @@ import warp as wp
 
 from .cuts.stretches import make_stretches
 from .precision import vec4_of
-from .ray import entry, inside, pixel
+from .ray import entry, inside, inverted, pixel
 
 
 @cache
@@ -35,13 +35,15 @@ def make_raycast(halves):
         if y >= scene.view.height:
             return
         point, along, length = entry(scene.view, x, y)
-        # Rays begin and end with what there is to see.
-        start, stop = inside(scene.view.seen_low, scene.view.seen_high, point, along, wp.float64(0.0), length)
         ray = wp.vec4d()
         count = int(0)
         bound = wp.float64(0.0)
-        if stop > start:
-            ray, count, bound = march(scene, point, along, start, stop)
+        if length > wp.float64(0.0):
+            # Rays begin and end with what there is to see.
+            view = scene.view
+            start, stop = inside(view.seen_low, view.seen_high, point, inverted(along), wp.float64(0.0), length)
+            if stop > start:
+                ray, count, bound = march(scene, point, along, start, stop)
         rgba[y, x] = vec4(ray)
         samples[y, x] = count
         if wp.static(bounded):

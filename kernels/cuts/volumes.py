@@ -12,7 +12,7 @@ from ..field.blocks import BITS
 from ..field.cell import cubic, make_corners, rise, vec8d
 from ..field.samples import make_value
 from ..field.walk import ahead, cell_at, make_walk
-from ..ray import FAR, inside
+from ..ray import FAR, inside, inverted
 from .shapes import Clip, make_shapes, nearest_face
 
 
@@ -59,7 +59,7 @@ def make_clip_span(kinds, dtype):
         """Whether the field is at least iso from t on, and until where that is known not to change."""
         o = clip.matrix @ origin + clip.offset
         d = clip.matrix @ direction
-        near, far = inside(clip.low, clip.high, o, d, -FAR, FAR)
+        near, far = inside(clip.low, clip.high, o, inverted(d), -FAR, FAR)
         here = ahead(t)
         if here >= far or near >= far:
             return False, FAR

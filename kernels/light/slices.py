@@ -9,7 +9,7 @@ import warp as wp
 
 from ..field.walk import MARGIN, make_walk
 from ..precision import vec3_of, vec4_of
-from ..ray import entry, inside, pixel
+from ..ray import entry, inside, inverted, pixel
 from ..segment import make_absorbed, over, widened
 from ..transfer.function import make_transfer
 from ..transfer.lookup import make_table
@@ -115,7 +115,8 @@ def make_advance(halves):
             return
         before = seen_by.rgba[y, x]
         point, way, whole = entry(scene.view, x, y)
-        enters, leaves = inside(scene.view.seen_low, scene.view.seen_high, point, way, wp.float64(0.0), whole)
+        view = scene.view
+        enters, leaves = inside(view.seen_low, view.seen_high, point, inverted(way), wp.float64(0.0), whole)
         if not leaves > enters:
             return
         # Rays begin and end with what there is to see.
