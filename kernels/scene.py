@@ -35,7 +35,6 @@ class Halves:
     march: Any
     cuts: Cuts = dataclasses.field(default_factory=Cuts)
     light: Lit | None = None
-    skip: bool = False  # leap over empty blocks
     traced: bool = False  # the steps of a ray are written down, by a march that has them
 
     @property

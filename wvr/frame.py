@@ -120,7 +120,7 @@ class Frame:
         )
         lighting = scene.lighting
         light = None if lighting is None else lighting.half(scene, scene.integrator.segments)
-        return Halves(real, scene.volume.half, march, cuts, light, bool(scene.skip_empty))
+        return Halves(real, scene.volume.half, march, cuts, light)
 
     def struct(self, halves: Halves, sweep: Sweeping | None = None) -> tuple[Any, Seen]:
         """The scene's struct for a kernel of these halves, filled, and what there is to see; for the integrator, or a

@@ -122,9 +122,7 @@ def make_adaptive_preintegrated(halves):
             i = wp.max(w.cell[0], 0)
             j = wp.max(w.cell[1], 0)
             k = wp.max(w.cell[2], 0)
-            kind = int(0)
-            if wp.static(halves.skip):
-                kind = int(scene.blocks.kinds[k >> BITS, j >> BITS, i >> BITS])
+            kind = int(scene.blocks.kinds[k >> BITS, j >> BITS, i >> BITS])
             visible = kind > EMPTY
             if visible:
                 t = entered(w)

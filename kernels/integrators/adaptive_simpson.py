@@ -189,16 +189,15 @@ def make_adaptive(halves):
         # Only where nothing absorbed is it worth asking whether the block is empty.
         idle = bool(True)
         while t < end and ray[3] <= scene.opaque:
-            if wp.static(halves.skip):
-                if idle:
-                    ahead = skip(scene.blocks.kinds, enter(scene.field.last, origin, direction, real(t)), length).t
-                    if ahead >= length:
-                        t = end
-                    elif ahead > real(t) + real(wp.static(2.0 * MARGIN)):
-                        t = wp.float64(ahead - real(wp.static(MARGIN)))
-                        q0 = vec4()
-                    idle = False
-                    continue
+            if idle:
+                ahead = skip(scene.blocks.kinds, enter(scene.field.last, origin, direction, real(t)), length).t
+                if ahead >= length:
+                    t = end
+                elif ahead > real(t) + real(wp.static(2.0 * MARGIN)):
+                    t = wp.float64(ahead - real(wp.static(MARGIN)))
+                    q0 = vec4()
+                idle = False
+                continue
             # The inner integral: as far as optical depth is within tolerance.
             step = fitted(inner, end - t)
             cut = step != inner

@@ -163,14 +163,13 @@ def make_uniform(halves):
         # Only where the last packet was transparent is it worth asking whether the block is.
         idle = bool(True)
         while i < count and ray[3] <= scene.opaque:
-            if wp.static(halves.skip):
-                if idle:
-                    ahead = unseen(scene.blocks.kinds, scene.field.last, origin, direction, length, step, i)
-                    if ahead > i:
-                        i = ahead
-                        if wp.static(ends):
-                            front = value(scene.field, origin + wp.min(real(i) * step, length) * direction)
-                        continue
+            if idle:
+                ahead = unseen(scene.blocks.kinds, scene.field.last, origin, direction, length, step, i)
+                if ahead > i:
+                    i = ahead
+                    if wp.static(ends):
+                        front = value(scene.field, origin + wp.min(real(i) * step, length) * direction)
+                    continue
             before = ray[3]
             s = packet()
             middle = packet()

@@ -76,12 +76,11 @@ def make_scattering(halves):
         i = int(0)
         idle = bool(True)
         while i < count and depth < DARK:
-            if wp.static(halves.skip):
-                if idle:
-                    ahead = unseen(scene.blocks.kinds, scene.field.last, origin, direction, length, step, i)
-                    if ahead > i:
-                        i = ahead
-                        continue
+            if idle:
+                ahead = unseen(scene.blocks.kinds, scene.field.last, origin, direction, length, step, i)
+                if ahead > i:
+                    i = ahead
+                    continue
             t = real(i) * step
             h = wp.min(length - t, step)
             q = colored(scene, origin + (t + real(0.5) * h) * direction)
@@ -137,12 +136,11 @@ def make_scattering(halves):
         idle = bool(True)
         # A ray may take seconds, so that it does not wait for its end.
         while i < count and ray[3] <= scene.opaque and not stopped(scene.view):
-            if wp.static(halves.skip):
-                if idle:
-                    ahead = unseen(scene.blocks.kinds, scene.field.last, origin, direction, length, step, i)
-                    if ahead > i:
-                        i = ahead
-                        continue
+            if idle:
+                ahead = unseen(scene.blocks.kinds, scene.field.last, origin, direction, length, step, i)
+                if ahead > i:
+                    i = ahead
+                    continue
             t = real(i) * step
             h = wp.min(length - t, step)
             p = origin + (t + real(0.5) * h) * direction

@@ -170,13 +170,12 @@ def make_advance(halves):
             b = wp.min(start + h0, length)
             if a >= length:
                 break
-            if wp.static(halves.skip):
-                if idle:
-                    end = skip(scene.blocks.kinds, enter(scene.field.last, origin, direction, a), length).t
-                    ahead = wp.where(end >= length, count, int((end - real(wp.static(MARGIN)) - t0) / h0))
-                    if ahead > i:
-                        i = ahead
-                        continue
+            if idle:
+                end = skip(scene.blocks.kinds, enter(scene.field.last, origin, direction, a), length).t
+                ahead = wp.where(end >= length, count, int((end - real(wp.static(MARGIN)) - t0) / h0))
+                if ahead > i:
+                    i = ahead
+                    continue
             h = (b - a) / real(sweep.parts)
             if wp.static(preintegrated):
                 if measured != i - 1:

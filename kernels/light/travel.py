@@ -202,13 +202,12 @@ def make_travel(halves):
             most = wp.float64(scene.field.last[a])
             first[a] = int(wp.clamp(low[a] - margin, wp.float64(0.0), most)) >> BITS
             last[a] = int(wp.clamp(high[a] + margin, wp.float64(0.0), most)) >> BITS
-        if wp.static(halves.skip):
-            if occupied:
-                occupied = bool(False)
-                for bk in range(first[2], last[2] + 1):
-                    for bj in range(first[1], last[1] + 1):
-                        for bi in range(first[0], last[0] + 1):
-                            occupied = occupied or int(scene.blocks.kinds[bk, bj, bi]) > EMPTY
+        if occupied:
+            occupied = bool(False)
+            for bk in range(first[2], last[2] + 1):
+                for bj in range(first[1], last[1] + 1):
+                    for bi in range(first[0], last[0] + 1):
+                        occupied = occupied or int(scene.blocks.kinds[bk, bj, bi]) > EMPTY
         result[tile, row - tile * result.shape[1], i // RUN] = wp.uint8(wp.where(occupied, 1, 0))
 
     @wp.func
@@ -228,9 +227,8 @@ def make_travel(halves):
                 b = wp.min(b, wp.max(t0, t1))
         if b <= a:
             return real(0.0)
-        if wp.static(halves.skip):
-            if skip(scene.blocks.kinds, enter(scene.field.last, p, d, a), b).t >= b:
-                return real(0.0)
+        if skip(scene.blocks.kinds, enter(scene.field.last, p, d, a), b).t >= b:
+            return real(0.0)
         h = (b - a) / real(parts)
         total = real(0.0)
         front = real(0.0)

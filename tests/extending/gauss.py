@@ -46,7 +46,7 @@ def make_gauss(halves):
     vec3, vec4 = vec3_of(real), vec4_of(real)
     Scene = halves.Scene
     value = halves.field.value(real)
-    finite, skips, lit = halves.field.finite, halves.skip, halves.light is not None
+    finite, lit = halves.field.finite, halves.light is not None
     eye_of, *_ = make_shading(halves)
     seen = make_point(halves)
     absorbed, _ = make_absorbed(real)
@@ -89,12 +89,11 @@ def make_gauss(halves):
         end = int(wp.ceil(length / step))
         while i < end and ray[3] <= scene.opaque:
             a = real(i) * step
-            if wp.static(skips):
-                clear = skip(scene.blocks.kinds, enter(scene.field.last, origin, direction, a), length).t
-                ahead = wp.where(clear >= length, end, int((clear - real(wp.static(MARGIN))) / step))
-                if ahead > i:
-                    i = ahead
-                    continue
+            clear = skip(scene.blocks.kinds, enter(scene.field.last, origin, direction, a), length).t
+            ahead = wp.where(clear >= length, end, int((clear - real(wp.static(MARGIN))) / step))
+            if ahead > i:
+                i = ahead
+                continue
             h = wp.clamp(length - a, real(0.0), step)  # the last one is what is left
             ray = over(ray, widened(segment(scene, origin, direction, eye, a, h)))
             count += 1

@@ -49,7 +49,7 @@ def test_uniform_medium(tau, image):
 
 def sweep_of_light(n, q):
     """Light after n steps of diffusion by a variance q each: a spot on black, away from the border."""
-    halves = Halves(wp.float64, Grid(wp.float32, True), Half(preintegrated=False), skip=True)
+    halves = Halves(wp.float64, Grid(wp.float32, True), Half(preintegrated=False))
     _, step = make_travel(halves)
     device = get_device("cpu")
     rows, columns, border, run = 96, 96, int(BORDER), int(RUN)
