@@ -32,6 +32,7 @@ class View:
     high: wp.vec3d
     seen_low: wp.vec3d  # the box of all that there is to see, inside that
     seen_high: wp.vec3d
+    astray: wp.float64  # how far rounding may put a ray from where it should be, in the box [index coordinates]
     stop: wp.array(dtype=int)  # not 0: the rest of the image is no longer asked for; empty where nobody would say so
 
 
@@ -103,8 +104,8 @@ def inside(low: wp.vec3d, high: wp.vec3d, origin: wp.vec3d, inverse: wp.vec3d, s
 
 
 @wp.func
-def entry(view: View, x: int, y: int):
-    """Entry point and direction in index coordinates, and the length inside the box (<= 0: missed)."""
+def line(view: View, x: int, y: int):
+    """Where a ray is in the plane of its anchor, its direction, both in index coordinates, and where it begins."""
     anchor = view.anchor + wp.float64(x) * view.right + wp.float64(y) * view.down
     way = view.way + wp.float64(x) * view.way_right + wp.float64(y) * view.way_down
     size = wp.length(way)
@@ -112,6 +113,13 @@ def entry(view: View, x: int, y: int):
     first = -FAR
     if view.perspective:
         first = -view.depth * size / view.unit
+    return anchor, direction, first
+
+
+@wp.func
+def entry(view: View, x: int, y: int):
+    """Entry point and direction in index coordinates, and the length inside the box (<= 0: missed)."""
+    anchor, direction, first = line(view, x, y)
     start, end = inside(view.low, view.high, anchor, inverted(direction), first, FAR)
     point = anchor + start * direction
     for a in range(3):

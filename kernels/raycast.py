@@ -10,7 +10,7 @@ import warp as wp
 
 from .cuts.stretches import make_stretches
 from .precision import vec4_of
-from .ray import entry, inside, inverted, pixel
+from .ray import entry, inside, inverted, line, pixel
 
 
 @cache
@@ -22,6 +22,7 @@ def make_raycast(halves):
     Scene = halves.Scene
     march = make_stretches(halves) if halves.cuts.any else halves.march.march(halves)
     bounded = halves.march.bounded
+    edge = halves.march.edge(halves) if bounded else None
 
     @wp.kernel(enable_backward=False, module="unique")
     def raycast(
@@ -34,20 +35,24 @@ def make_raycast(halves):
         x, y = pixel(scene.view, wp.tid() + base)
         if y >= scene.view.height:
             return
-        point, along, length = entry(scene.view, x, y)
+        view = scene.view
+        point, along, length = entry(view, x, y)
         ray = wp.vec4d()
         count = int(0)
         bound = wp.float64(0.0)
+        start = wp.float64(0.0)
+        stop = wp.float64(0.0)
         if length > wp.float64(0.0):
             # Rays begin and end with what there is to see.
-            view = scene.view
             start, stop = inside(view.seen_low, view.seen_high, point, inverted(along), wp.float64(0.0), length)
             if stop > start:
                 ray, count, bound = march(scene, point, along, start, stop)
         rgba[y, x] = vec4(ray)
         samples[y, x] = count
         if wp.static(bounded):
+            anchor, along, first = line(view, x, y)
+            off, cap = edge(scene, anchor, inverted(along), first, stop > start)
             # Rounded up.
-            bounds[y, x] = wp.float32(bound * wp.float64(wp.static(1.0 + 2.0**-23)))
+            bounds[y, x] = wp.float32(wp.min(bound + off, cap) * wp.float64(wp.static(1.0 + 2.0**-23)))
 
     return raycast

@@ -30,6 +30,9 @@ from .light.sweep import AHEAD, Sweeping, shade
 from .scene import Scene
 from .transfer.function import struct_of
 
+# How far a ray may be from where it should be, in parts of the numbers that it is made of (docs/proof.md, lemma 3).
+ASTRAY = 2.0**-49
+
 Tracer = Callable[[int, int], NDArray[np.void]]
 
 
@@ -232,6 +235,13 @@ def view(volume: Field, camera: Camera, width: int, height: int) -> Any:
     result.to_index, result.unit = wp.mat33d(*to_index.ravel()), volume.smallest_spacing
     result.low, result.high = wp.vec3d(*low), wp.vec3d(*high)
     result.seen_low, result.seen_high = result.low, result.high
+    # What it is made of, along each axis of the world: each is rounded a few times, and so is the inverse.
+    turned = 1 + 1 / np.linalg.norm(np.cross(forward, camera.up / np.linalg.norm(camera.up)))
+    extent = turned * spread * (width * np.abs(right) + height * np.abs(down)) / 2
+    reach = np.abs(volume.corners - near).max(axis=0) + np.abs(near - volume.index_to_world[:3, 3])
+    sizes = reach + extent + abs(along) * np.abs(forward)
+    inverse = np.abs(to_index)
+    result.astray = ASTRAY * float((inverse @ np.abs(volume.index_to_world[:3, :3]) @ inverse @ sizes).max())
     return result
 
 

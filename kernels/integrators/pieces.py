@@ -21,8 +21,13 @@ from ..transfer.linear import CUT, RULES
 
 # Nodes of the Gauss-Legendre rules of ``linear.gauss_nodes`` by optical depth of a piece: (depth up to, rule). The
 # integrand is a polynomial of degree 6 times exp(-quartic). Pieces deeper than the last are cut at multiples of it.
-# 1e-12 of the opacity for any cubic.
-DEPTHS = ((1e-4, 0), (0.01, 1), (2.0, 2), (4.0, 3))
+# For any cubic, 1e-12 of the opacity times how far the scalar goes (docs/proof.md, lemma 5).
+DEPTHS = ((2e-6, 0), (2.8e-4, 1), (0.117, 2), (1.2, 3))
+QUADRATURE = 1e-12
+
+
+# Rounding of extinction, in parts of the larger one at the ends of its interval (docs/proof.md, lemma 4).
+VALUE = 2.0**-50
 
 
 @wp.struct
@@ -105,6 +110,12 @@ def make_jumps(halves):
             most = absolute(scene.transfer.value[k + 1] - scene.transfer.value[k])
             for n in range(4):
                 change[n] = wp.where(change[n] < most[n], change[n], most[n])
+        # And the values at its ends.
+        near = scene.transfer.value[k][3]
+        far = near
+        if k < scene.transfer.knot.shape[0] - 1:
+            far = scene.transfer.value[k + 1][3]
+        change[3] += real(VALUE) * wp.where(far > near, far, near)
         return scene.march.brightest * change[3] * length + steepest(change) * A
 
     return Jumps(absolute, steepest, jump, fuzzy, smeared)

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import wvr
-from wvr.kernels.integrators.series import ERROR
 
 from ..helpers import DATA, along, assert_certified, centered
 from ..scenes import transfer_functions, volumes
@@ -78,7 +77,12 @@ def test_series_is_within_its_bound(numbers, magnitude):
     exact = np.sum(weight * w(v) * (a + g * w(v)) * np.exp(-a * (v + 1) - g * W))
     moments = [np.sum(weight * f) for f in (w(v) ** 2, v * w(v), v * w(v) ** 2, w(v) ** 2 * W)]
     series = np.exp(-a) * (g * moments[0] - a * a * moments[1] - a * g * moments[2] - g * g * moments[3])
-    assert abs(series - exact) <= ERROR * R * (2 * a) ** 2 * (a + abs(g) * R) + 1e-15
+    proven = R * (-np.expm1(-2 * a) - 2 * a * np.exp(-a))
+    assert abs(series - exact) <= proven + 1e-15
+    assert proven <= R * (2 * a) ** 3 / 24 + 1e-15
+    G = abs(g) * R
+    closer = R * G * (a**2 + a * G + G**2) / 3 + a**3 * (4 / 45 * abs(m2) + R * a / 12)
+    assert abs(series - exact) <= closer + 1e-15
 
 
 def test_homogeneous_slab():

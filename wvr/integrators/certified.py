@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from math import ceil, floor, inf, isinf, log10
 from typing import TYPE_CHECKING, Any, ClassVar
 from weakref import WeakKeyDictionary
 
@@ -19,6 +20,8 @@ from numpy.typing import NDArray
 
 from ..keep import Keeper
 from ..kernels.integrators.certified import Half
+from ..kernels.integrators.pieces import QUADRATURE, VALUE
+from ..kernels.integrators.series import TRUNCATED
 from ..transfer.function import transfer_values
 from ..transfer.nodes import nodes_array
 from ..transfer.simplify import SimplifiedTransfer
@@ -30,8 +33,19 @@ if TYPE_CHECKING:
     from ..frame import Frame
     from ..scene import Scene
 
-# Rounding of float64 sums and of cuts at control points, in parts of the brightest colour.
-SUMS = 1e-8
+# Unit roundoff of float64.
+U = 2.0**-53
+# What pieces are off by, in parts of what they add and of the brightest colour: opacity as a polynomial, also in what
+# it is multiplied with; quadrature, of scalars whose colours may be twice the brightest apart; products of a few
+# rounded numbers and exponentials (docs/proof.md, lemma 8).
+PIECES = 4 * TRUNCATED + 2 * QUADRATURE + 64 * U
+# What the sums are off by for each of a ray's cells and pieces, in parts of the brightest colour (lemma 9).
+SUM = 6 * U
+# Cells and pieces that a tolerance allows for, for each sample along the volume's axes; a ray counts what it has.
+COUNTED = 16
+# How far a ray may be from where it should be that a tolerance allows for [index coordinates]; an image counts what it
+# has.
+ASTRAY = 2.0**-36
 # Bounds are rounded up to float32 numbers.
 UP = 2.0**-22
 # Range of samples, in parts of that of control points, from which rounding is counted cell by cell.
@@ -43,11 +57,14 @@ class Budget:
     """What a tolerance is spent on, for colours up to ``brightest`` along rays up to ``longest`` unit lengths."""
 
     rounding: float
+    least: float  # of that, what no scene is without
     rest: float
     brightest: float
     longest: float
     blur: float  # rounding of a scalar along a ray
-    sharp: bool  # it counts piece by piece, else in ``rounding``
+    densest: float  # largest extinction of a unit of length
+    slopes: float  # what a unit of the scalar changes along a ray, where that is counted for the whole ray
+    sharp: bool  # rounding of the scalar counts piece by piece, else in ``rounding``
 
     @property
     def behind(self) -> float:
@@ -100,8 +117,9 @@ class Certified(Integrator):
     of a jump, so that rounding alone says on which side of it they are; ``image.stats["rays_over_tolerance"]`` counts
     them. Sums are float64 whatever the image's precision. ``image.samples`` counts cells and pieces of cells.
     ``termination``, where it is given, ends rays at that transparency instead, and the bound says what that costs.
-    A tolerance of less than twice what rounding may come to is refused, of an image in float32 or float64; with
-    ``precision="auto"`` the image is float64 where rounding to float32 would take more than an eighth of the tolerance.
+    A tolerance of less than 2.2 times what rounding comes to in any scene is refused, for a float32 or a float64 image;
+    with ``precision="auto"`` the image is float64 where rounding to float32 would take more than an eighth of the
+    tolerance.
     """
 
     tolerance: float
@@ -133,16 +151,20 @@ class Certified(Integrator):
         return _budgets[scene]
 
     def _budget(self, scene: Scene) -> Budget:
-        rounding = scene.brightest * (SUMS + float(np.finfo(self.shown(scene)).eps) / 2)
-        longest = scene.volume.longest
+        brightest, longest = scene.brightest, scene.volume.longest
+        counted = COUNTED * sum(scene.volume.shape)
+        least = brightest * (PIECES + SUM * counted + float(np.finfo(self.shown(scene)).eps) / 2)
         blurred = blur(scene)
+        densest = max(float(transfer_values(tf, scene.unit)[:, 3].max()) for tf in scene.functions)
         # What rounding of the scalar comes to along any ray: little, unless slopes are steep or there are jumps.
-        slopes = max(_steepest(tf, scene.unit, scene.brightest * longest) for tf in scene.functions)
-        sharp = not blurred * slopes < self.tolerance / 64
-        if not sharp:
-            # Where intervals meet, the line of either may be taken.
-            rounding += 2 * blurred * slopes
-        return Budget(rounding, self.tolerance * (1 - UP) - rounding, scene.brightest, longest, blurred, sharp)
+        slopes = max(_steepest(tf, scene.unit, brightest * longest) for tf in scene.functions)
+        # Where intervals meet, the line of either may be taken.
+        gentle = inf if isinf(slopes) else 2 * (blurred + 3 * ASTRAY * np.ptp(scene.volume.range)) * slopes
+        gentle += VALUE * brightest * densest * longest
+        sharp = bool(gentle >= self.tolerance / 32)
+        rounding = least + (0.0 if sharp else gentle)
+        rest = self.tolerance * (1 - UP) - rounding
+        return Budget(rounding, least, rest, brightest, longest, blurred, densest, 0.0 if sharp else slopes, sharp)
 
     def half(self, scene: Scene) -> Half:
         return Half(self.budget(scene).sharp)
@@ -161,6 +183,10 @@ class Certified(Integrator):
             "brightest": shares.brightest,
             "tinted": max(one.color + shares.brightest * one.relative for one in points),
             "veiled": shares.rounding + shares.brightest * absolute * shares.longest,
+            "sum": SUM * shares.brightest,
+            "densest": shares.densest,
+            "astray": 3 * float(np.ptp(scene.volume.range)) * (1.0 if shares.sharp else 2 * shares.slopes),
+            "allowed": ASTRAY,
             "ulps": wp.vec2d(*_ulps(scene)),
             "blur": shares.blur,
             "local": bool(np.ptp(scene.volume.range) > OUTLYING * max(np.ptp(tf.knots) for tf in scene.functions)),
@@ -171,14 +197,14 @@ class Certified(Integrator):
         return self.budget(scene).behind
 
     def check(self, scene: Scene) -> None:
-        least = 2 * self.budget(scene).rounding
+        least = 2.2 * self.budget(scene).least
         if self.tolerance < least:
             farther = (
                 "" if self.shown(scene) == "float64" else ' for a float32 image; precision="float64" reaches farther'
             )
             bright = f" for colours up to {scene.brightest:.3g}" if scene.brightest > 1 else ""
             raise ValueError(
-                f"tolerance must be at least {least:.2g}{bright}{farther}, or rounding exceeds it; "
+                f"tolerance must be at least {_rounded_up(least):.2g}{bright}{farther}, or rounding exceeds it; "
                 f"got {self.tolerance!r}"
             )
 
@@ -199,6 +225,12 @@ class Certified(Integrator):
             "bound_covers": f"{covered}: where rays ended, a simpler transfer function, series and rounding",
             "rays_over_tolerance": over,
         }
+
+
+def _rounded_up(number: float) -> float:
+    """To two digits."""
+    digit = 10.0 ** (floor(log10(number)) - 1)
+    return ceil(number / digit) * digit
 
 
 def blur(scene: Scene) -> float:
