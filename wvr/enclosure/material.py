@@ -26,6 +26,7 @@ MOST = 1 - 2.0**-24
 # Optical depth of which the series is taken; what is deeper is halved.
 DEEP = 2
 SHARE = arb(0.5, 0.5)
+HALF = arb(0.5)
 
 
 class Segment(NamedTuple):
@@ -183,7 +184,7 @@ class Piece(NamedTuple):
         if X.rad() > 1:
             return between.within(X)
         if X > DEEP:
-            near, far = (Piece(self.low, self.high, self.v(half), self.q(half) / 2) for half in HALVES)
+            near, far = (Piece(self.low, self.high, self.v(half), self.q(half) * HALF) for half in HALVES)
             front_one = near.segment()
             return over(front_one, between.anyhow() if front_one.clear < small() else far.segment())
         A = -(-X).expm1()

@@ -52,11 +52,19 @@ class Scene:
 def bounds(segment: Segment) -> NDArray[np.float64]:
     """Of the channels, rounded outwards; no channel is below 0, and opacity not above 1."""
     channels = [*segment.color, 1 - segment.clear]
-    low = np.nextafter([float(channel.lower()) for channel in channels], -np.inf)
-    high = np.nextafter([float(channel.upper()) for channel in channels], np.inf)
-    low, high = np.nan_to_num(low, nan=-np.inf), np.nan_to_num(high, nan=np.inf)
+    low = np.array([max(_beyond(channel.lower(), -np.inf), 0.0) for channel in channels])
+    high = np.array([_beyond(channel.upper(), np.inf) for channel in channels])
     high[3] = min(high[3], 1.0)
-    return np.array([np.maximum(low, 0.0), high])
+    return np.array([low, high])
+
+
+def _beyond(exact: arb, way: float) -> float:
+    """A float that is an exact number, or beyond it on one side."""
+    if not exact.is_finite():
+        return way
+    near = float(exact)
+    passed = arb(near) >= exact if way > 0 else arb(near) <= exact
+    return near if passed else float(np.nextafter(near, way))
 
 
 def camera_ray(camera: Camera, size: tuple[int, int], x: int, y: int) -> Ray:
