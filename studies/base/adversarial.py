@@ -190,10 +190,10 @@ def ulps(rng: Rng) -> Adversary:
     """Control points a few units in the last place apart, at samples."""
     samples = rng.integers(0, 4, shape_of(rng)) / 3
     at = np.unique(samples)[-1] if rng.random() < 0.5 else 1 / 3
-    s = [at]
+    near = [at]
     for _ in range(int(rng.integers(1, 5))):
-        s.append(s[-1] + int(rng.integers(0, 3)) * np.spacing(s[-1]))
-    s = np.array([s[0] - 1.0, *s, s[-1] + 1.0])
+        near.append(near[-1] + int(rng.integers(0, 3)) * np.spacing(near[-1]))
+    s = np.array([near[0] - 1.0, *near, near[-1] + 1.0])
     s = np.delete(s, np.flatnonzero(s[2:] == s[:-2]))
     opacity = rng.random(len(s)) * (rng.random(len(s)) > 0.4)
     tf = wvr.TransferFunction.from_arrays(s, rng.random((len(s), 3)), opacity)
@@ -299,3 +299,15 @@ def tables(rng: Rng) -> Adversary:
     volume = wvr.Volume(rng.integers(0, 256, shape_of(rng), np.uint8))
     tf = wvr.TransferFunction.from_colormap("viridis", (0, 255), rng.random(5) ** 3)
     return Adversary(volume, tf, view(rng, volume))
+
+
+# --- What is said of them -------------------------------------------------------------------------------------------
+
+
+def errors(pixel: NDArray, truth: wvr.Enclosure) -> tuple[float, float]:
+    """What a pixel is off by in its worst channel: at least, and at most."""
+    value = np.asarray(pixel, np.float64)
+    below, above = truth.lower - value, value - truth.upper
+    least = max(0.0, float(np.maximum(below, above).max()))
+    most = float(np.maximum(truth.upper - value, value - truth.lower).max())
+    return least, most

@@ -1,4 +1,4 @@
-"""The true image of a pixel, enclosed: lower and upper values that are proven, by ball arithmetic, to be on both sides."""
+"""The true value of a pixel, enclosed between two that ball arithmetic proves to be below and above it."""
 
 from __future__ import annotations
 

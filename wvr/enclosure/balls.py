@@ -10,10 +10,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-from flint import arb
+from flint import arb, ctx
 
-# Constant first.
-Cubic = tuple[arb, arb, arb, arb]
+
+class Cubic(NamedTuple):
+    """Its coefficients, constant first. Not ``smooth`` where what is meant is no cubic but, anywhere, within the radius
+    of the constant of one: it reaches a level where a cubic does that differs by a constant, but more than once there.
+    """
+
+    a: arb
+    b: arb
+    c: arb
+    d: arb
+    smooth: bool = True
 
 
 class Break(NamedTuple):
@@ -57,9 +66,12 @@ def parts(breaks: Iterable[Break]) -> Iterator[Break | Gap]:
             held = one
         elif one.low <= held.high:
             held = Break(held.low, held.high if held.high >= one.high else one.high, False)
+        elif not held.high < (between := middle(held.high, one.low)) < one.low:
+            # There is no number between them at this precision.
+            held = Break(held.low, one.high, False)
         else:
             yield held
-            yield Gap(held.ball, one.ball, middle(held.high, one.low))
+            yield Gap(held.ball, one.ball, between)
             held = one
     if held is not None:
         yield held
@@ -86,8 +98,8 @@ def lerp(low: Sequence[arb], high: Sequence[arb], place: arb, speed: arb) -> lis
 
 def moved(c: Cubic, u: arb) -> Cubic:
     """The cubic about ``u``: its value at h is that of ``c`` at u + h."""
-    a, b, d, e = c
-    return a + u * (b + u * (d + u * e)), b + u * (2 * d + 3 * u * e), d + 3 * u * e, e
+    three = 3 * u * c.d
+    return Cubic(c.a + u * (c.b + u * (c.c + u * c.d)), c.b + u * (2 * c.c + three), c.c + three, c.d, c.smooth)
 
 
 def value(c: Cubic, low: arb, high: arb) -> arb:
@@ -95,13 +107,23 @@ def value(c: Cubic, low: arb, high: arb) -> arb:
     m = middle(low, high)
     r = (high - m).max(m - low).upper()
     s = moved(c, m)
-    return s[0] + within(r * (abs(s[1]) + r * (abs(s[2]) + r * abs(s[3]))))
+    return s.a + within(_spread(s, r))
+
+
+def _spread(s: Cubic, r: arb) -> arb:
+    """How far the cubic is from its value at 0, up to r away."""
+    return r * (abs(s.b) + r * (abs(s.c) + r * abs(s.d)))
+
+
+def _slope(s: Cubic, r: arb) -> arb:
+    """Its slope up to r away."""
+    return s.b + within(r * (2 * abs(s.c) + 3 * r * abs(s.d)))
 
 
 def zeros(c: Cubic, levels: Sequence[arb], low: arb, high: arb, least: arb) -> list[Break]:
     """Where a cubic may cross any of the levels on [low, high], to ``least`` where it only just touches one."""
     found: list[Break] = []
-    if c[0].is_exact() and all(term.is_zero() for term in c[1:]):
+    if c.a.is_exact() and c.b.is_zero() and c.c.is_zero() and c.d.is_zero():
         return found
     todo = [(low, high, levels)]
     while todo:
@@ -109,15 +131,15 @@ def zeros(c: Cubic, levels: Sequence[arb], low: arb, high: arb, least: arb) -> l
         m = middle(a, b)
         r = (b - m).max(m - a).upper()
         s = moved(c, m)
-        spread = (r * (abs(s[1]) + r * (abs(s[2]) + r * abs(s[3])))).upper()
-        here = s[0] + within(spread)
+        spread = _spread(s, r)
+        here = s.a + within(spread)
         levels = [level for level in levels if here.overlaps(level)]
         if not levels:
             continue
-        slope = s[1] + within(r * (2 * abs(s[2]) + 3 * r * abs(s[3])))
+        slope = _slope(s, r)
         if not slope.contains(0):
             found += [one for level in levels if (one := _only(c, slope, level, a, b)) is not None]
-        elif b - a <= least or spread <= 4 * s[0].rad():
+        elif b - a <= least or not spread > 4 * s.a.rad():
             # The second where no part of it is known better.
             found.append(Break(a, b, False))
         else:
@@ -126,18 +148,23 @@ def zeros(c: Cubic, levels: Sequence[arb], low: arb, high: arb, least: arb) -> l
 
 
 def _only(c: Cubic, slope: arb, level: arb, low: arb, high: arb) -> Break | None:
-    """The one place where a cubic of a slope that is nowhere zero may be at a level, by Newton's method of intervals."""
+    """The one place where a cubic of a slope that is nowhere zero may be at a level: Newton's method for intervals."""
+    enough = (high - low) * arb(2) ** -ctx.prec  # numbers next to 0 may be halved for ever
     while True:
         m = middle(low, high)
-        root = m - (moved(c, m)[0] - level) / slope
+        off = moved(c, m).a - level
+        root = m - off / slope
         if root.lower() > high or root.upper() < low:
             return None
         a = root.lower() if root.lower() > low else low
         b = root.upper() if root.upper() < high else high
-        if not 2 * (b - a) < high - low:
-            return Break(a, b)
+        stuck = not 2 * (b - a) < high - low
+        if b - a < enough or (stuck and (off.contains(0) or not low < m < high)):
+            return Break(a, b, c.smooth)
+        if stuck:
+            # The slope is not known well enough, but the half is.
+            a, b = (a, m) if (off > 0) == (slope > 0) else (m, b)
         low, high = a, b
-        r = (high - m).max(m - low).upper()
-        s = moved(c, middle(low, high))
-        narrower = s[1] + within(r * (2 * abs(s[2]) + 3 * r * abs(s[3])))
+        m = middle(low, high)
+        narrower = _slope(moved(c, m), (high - m).max(m - low).upper())
         slope = slope if narrower.contains(0) else narrower

@@ -14,7 +14,7 @@ from ..cuts.shapes import ClipBox, ClipPlane, ClipSphere
 from ..cuts.volumes import ClipVolume
 from ..transfer_function import TransferFunction
 from ..volume import Volume
-from .balls import Break, Gap, break_of, middle, moved, parts, value, zeros
+from .balls import Break, Cubic, Gap, break_of, moved, parts, within, zeros
 from .grid import Cell, Grid, Passage, Ray, Vector, dot, exact
 from .material import small
 
@@ -62,9 +62,9 @@ class Ball:
     def breaks(self, low: arb, high: arb) -> list[Break]:
         if self.squared < 0:
             return []
-        half = self.squared.nonnegative_part().sqrt()
         if not self.squared > 0:
-            return [break_of(self.closest + half * arb(0, 1), once=False)]
+            return [break_of(self.closest + within(self.squared.upper().sqrt()), once=False)]
+        half = self.squared.sqrt()
         return [break_of(self.closest - half), break_of(self.closest + half)]
 
     def keeps(self, gap: Gap) -> bool | None:
@@ -85,7 +85,8 @@ class Above:
             if isinstance(gap, Break) or not (gap.end > low and gap.start < high):
                 continue
             place = self.passage.place(gap)
-            if place is None or not place.cells:
+            if place is None:
+                found.append(break_of(gap.ball, once=False))
                 continue
             numbers = [arb(number) for cell in place.cells for number in self.passage.grid.corners(cell)]
             if all(n >= self.iso for n in numbers) or all(n < self.iso for n in numbers):
@@ -104,14 +105,14 @@ class Above:
         numbers = [arb(number) for cell in place.cells for number in self.passage.grid.corners(cell)]
         if all(n >= self.iso for n in numbers):
             return True
-        level = self.passage.cubic(place, gap.middle, self.passage.grid.corners)[0] - self.iso
+        level = self.passage.cubic(place, gap.middle, self.passage.grid.corners).a - self.iso
         return True if level >= 0 else False if level < 0 else None
 
 
 def kept_of(clip: Clip, ray: Ray) -> Kept:
     """A clip as a ray meets it."""
     if isinstance(clip, ClipPlane):
-        return Sides(ray, [(exact(clip.point), exact(clip.normal))])  # type: ignore[arg-type]
+        return Sides(ray, [(exact(clip.point), exact(clip.normal))])
     if isinstance(clip, ClipBox):
         lo, hi, zero = exact(clip.lo), exact(clip.hi), [arb(0), arb(0), arb(0)]
         planes = []
@@ -130,7 +131,8 @@ def kept_of(clip: Clip, ray: Ray) -> Kept:
 def check(clips: tuple[Clip, ...]) -> None:
     """Say so where a clip is none that rays are enclosed with."""
     for clip in clips:
-        if not isinstance(clip, ClipPlane | ClipBox | ClipSphere | ClipVolume):
+        # Not what is derived of them, whose device halves may be anything.
+        if type(clip) not in (ClipPlane, ClipBox, ClipSphere, ClipVolume):
             raise TypeError(
                 f"clip must be ClipPlane, ClipBox, ClipSphere or ClipVolume for an enclosure, got {type(clip).__name__}"
             )
@@ -190,14 +192,15 @@ class Labels:
         low, high = whole.start.lower(), whole.end.upper()
         breaks = [break_of(whole.start), break_of(whole.end)]
         for one, two in combinations(states, 2):
-            a, b, d, e = (x - y for x, y in zip(weights[one], weights[two], strict=True))
-            breaks += zeros((a, b, d, e), [arb(0)], low, high, (high - low) * small())
+            a, b, c, d = (x - y for x, y in zip(weights[one][:4], weights[two][:4], strict=True))
+            ahead = Cubic(a, b, c, d, weights[one].smooth)
+            breaks += zeros(ahead, [arb(0)], low, high, (high - low) * small())
         found: list[tuple[Break | Gap, int | None]] = []
         for part in parts(breaks):
             if isinstance(part, Break):
                 found.append((part, None))
                 continue
-            here = {state: moved(weight, part.middle)[0] for state, weight in weights.items()}
+            here = {state: moved(weight, part.middle).a for state, weight in weights.items()}
             most = [s for s, w in here.items() if all(w > other for t, other in here.items() if t != s)]
             found.append((part, most[0] if most else None))
         return found

@@ -60,16 +60,16 @@ class Grid:
         self.smallest = dot(columns[0], columns[0]).sqrt()
         for column in columns[1:]:
             self.smallest = self.smallest.min(dot(column, column).sqrt())
-        # Rows of the inverse are cross products of the columns over the determinant.
-        crossed = [cross(columns[1], columns[2]), cross(columns[2], columns[0]), cross(columns[0], columns[1])]
-        determinant = dot(columns[0], crossed[0])
-        self.inverse = [[x / determinant for x in row] for row in crossed]
+        # Rows of the inverse, times the determinant; divided by it last, whole indices stay whole.
+        self.rows = [cross(columns[1], columns[2]), cross(columns[2], columns[0]), cross(columns[0], columns[1])]
+        self.determinant = dot(columns[0], self.rows[0])
         self.origin = exact(origin)
 
     def through(self, ray: Ray) -> Passage:
         """The grid as a ray passes it."""
         start = [a - b for a, b in zip(ray.origin, self.origin, strict=True)]
-        return Passage(self, [dot(row, start) for row in self.inverse], [dot(row, ray.direction) for row in self.inverse])
+        origin, direction = ([dot(row, v) / self.determinant for row in self.rows] for v in (start, ray.direction))
+        return Passage(self, origin, direction)
 
     def sample(self, i: int, j: int, k: int) -> Any:
         """A Python number."""
@@ -92,9 +92,17 @@ class Passage:
         found = []
         for o, d, n in zip(self.origin, self.direction, self.grid.number, strict=True):
             if not d.contains(0):
-                faces = [-HALF, HALF] if n == 1 else [arb(i) for i in range(n)]
+                faces = _box(n) if n == 1 else [arb(i) for i in range(n)]
                 found += [break_of((face - o) / d) for face in faces]
         return found
+
+    def misses(self, t: arb) -> bool:
+        """Whether it is outside the grid at all places of a ball."""
+        for o, d, n in zip(self.origin, self.direction, self.grid.number, strict=True):
+            low, high = _box(n)
+            if o + t * d < low or o + t * d > high:
+                return True
+        return False
 
     def place(self, gap: Gap) -> Place | None:
         """Where it is between two breaks: no cells outside the grid; None where it cannot be told."""
@@ -121,13 +129,19 @@ class Passage:
         for o, d, i in zip(self.origin, self.direction, cell, strict=True):
             at = o + middle * d - i
             c = [lerp(low, high, at, d) for low, high in zip(c[::2], c[1::2], strict=True)]
-        a, b, e, f = c[0]
-        if place.apart > 0:
-            # Each step to the cell beside changes it by no more than both slopes, and these are, as little beyond a
-            # cell as this, no more than (1 + 2 / 4)^2 of the range of samples: 2 (9 / 4) < 8.
-            every = [number for one in place.cells for number in numbers(one)]
-            a += within(8 * place.apart * (arb(max(every)) - arb(min(every))))
-        return a, b, e, f
+        found = Cubic(c[0][0], c[0][1], c[0][2], c[0][3])
+        if place.apart.is_zero():
+            return found
+        # Each step to the cell beside changes it by no more than both slopes, and these are, as little beyond a
+        # cell as this, no more than (1 + 2 / 4)^2 of the range of samples: 2 (9 / 4) < 8.
+        every = [number for one in place.cells for number in numbers(one)]
+        off = within(8 * place.apart * (arb(max(every)) - arb(min(every))))
+        return found._replace(a=found.a + off, smooth=False)
+
+
+def _box(n: int) -> tuple[arb, arb]:
+    """From where to where a grid is along an axis."""
+    return (-HALF, HALF) if n == 1 else (arb(0), arb(n - 1))
 
 
 def _inside(p: arb, n: int) -> list[int] | None:
@@ -142,7 +156,7 @@ def _inside(p: arb, n: int) -> list[int] | None:
 
 def _beside(p: arb, n: int) -> tuple[list[int] | None, arb]:
     """The cells that a coordinate may be in that hardly changes, and how far apart it may be from their face."""
-    low, high = (-HALF, HALF) if n == 1 else (arb(0), arb(n - 1))
+    low, high = _box(n)
     if p < low or p > high:
         return [], arb(0)
     if not (p >= low and p <= high):

@@ -123,7 +123,7 @@ class Material:
         if k is not None:
             return self._piece(c, start, end, k)
         first, last = bisect_right(self.knots, s.lower()), bisect_right(self.knots, s.upper())
-        levels = [level for n, level in enumerate(self.knots[first:last]) if n == 0 or level != self.knots[first + n - 1]]
+        levels = sorted(set(self.knots[first:last]))
         least = (high - low) * small()
         result = CLEAR
         for part in parts([break_of(start), *zeros(c, levels, low, high, least), break_of(end)]):
@@ -135,7 +135,7 @@ class Material:
             if part.once:
                 return CLEAR
             return self.span(value(c, part.low, part.high)).along((part.high - part.low) * SHARE)
-        k = self.interval(moved(c, part.middle)[0])
+        k = self.interval(moved(c, part.middle).a)
         if k is None:
             ball = part.ball
             return self.span(value(c, ball.lower(), ball.upper())).along(part.length)
@@ -198,7 +198,7 @@ class Piece(NamedTuple):
             return arb(0, 1)  # not needed
         h = X.upper() / 2
         K, rest = 1, h
-        while not 2 * h * rest < small():
+        while not 2 * rest < small():
             K += 1
             rest = rest * h / K
         series = arb_poly([1])

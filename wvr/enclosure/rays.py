@@ -16,7 +16,7 @@ from ..cuts.base import Clip
 from ..cuts.labels import Segmentation
 from ..transfer_function import TransferFunction
 from ..volume import Volume
-from .balls import Break, Gap, break_of, parts
+from .balls import Break, Gap, parts
 from .cuts import Labels, grid_of, kept_of
 from .grid import Ray, cross, dot, exact, finite
 from .material import CLEAR, NOTHING, Material, Segment, Span, over, small, union
@@ -35,7 +35,7 @@ class Scene:
     segmentation: Segmentation | None = None
 
     def enclose(self, camera: Camera, size: tuple[int, int], x: int, y: int, width: float) -> NDArray[np.float64]:
-        """Lower and upper value of the channels of a pixel, shape (2, 4), no further apart than ``width`` if possible."""
+        """Lower and upper value of a pixel's channels, shape (2, 4), no further apart than ``width`` if possible."""
         precision = LEAST
         best = np.array([[-np.inf] * 4, [np.inf] * 4])
         while True:
@@ -116,11 +116,15 @@ class Walk:
             result = over(result, self._part(part, ray.starts))
             if result.clear < small():
                 return over(result, self.anything.anyhow())
-        return result
+        # No colour is brighter than the brightest that there is.
+        shades = [
+            one.intersection(c * (1 - result.clear)) for one, c in zip(result.color, self.anything.color, strict=True)
+        ]
+        return Segment((shades[0], shades[1], shades[2]), result.clear)
 
     def _part(self, part: Break | Gap, starts: bool) -> Segment:
         if isinstance(part, Break):
-            return CLEAR if part.once else self._unknown(part)
+            return CLEAR if part.once or self.passage.misses(part.ball) else self._unknown(part)
         if starts and part.middle < 0:
             return CLEAR
         place = self.passage.place(part)
