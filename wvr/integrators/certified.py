@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..keep import Keeper
 from ..kernels.integrators.certified import Half
+from ..kernels.integrators.pieces import NODES
 from ..transfer.function import transfer_values
 from ..transfer.nodes import nodes_array
 from ..transfer.simplify import SimplifiedTransfer
@@ -164,7 +165,7 @@ class Certified(Integrator):
             "ulps": wp.vec2d(*_ulps(scene)),
             "blur": shares.blur,
             "local": bool(np.ptp(scene.volume.range) > OUTLYING * max(np.ptp(tf.knots) for tf in scene.functions)),
-            "nodes": nodes_array("float64", keep.device),
+            "nodes": nodes_array("float64", keep.device, NODES),
         }
 
     def termination(self, scene: Scene) -> float:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..keep import Keeper
 from ..kernels.integrators.exact import Half
+from ..kernels.integrators.pieces import NODES
 from ..transfer.nodes import nodes_array
 from .base import Integrator
 
@@ -42,7 +43,7 @@ class Exact(Integrator):
         return Half()
 
     def numbers(self, scene: Scene, keep: Keeper) -> dict[str, Any]:
-        return {"nodes": nodes_array("float64", keep.device)}
+        return {"nodes": nodes_array("float64", keep.device, NODES)}
 
     def shown(self, scene: Scene) -> str:
         return "float64"
