@@ -97,7 +97,7 @@ def rays(folder: Path, quick: bool) -> str:
         verdict = Verdict()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # of rays over their tolerance
-            for seed in range(2 if quick else 200):
+            for seed in range(2 if quick else 160):
                 verdict.judge(adversary(name, seed), name, seed, *tolerance_of(seed))
         over += verdict.over
         rows.append(

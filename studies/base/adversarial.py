@@ -247,13 +247,36 @@ def holes(rng: Rng) -> Adversary:
 
 @kind
 def inside(rng: Rng) -> Adversary:
-    """The camera among the samples, often on a face, with an angle of view of up to 179 degrees."""
+    """The camera among the samples, often on a face, with an angle of view of nearly 0 to nearly 180 degrees."""
     volume = wvr.Volume(samples_of(rng))
     position = rng.uniform(0, volume.corners.max(0))
     snapped = rng.random(3) < 0.3
     position[snapped] = np.round(position[snapped])
-    camera = wvr.Camera(position, position + rng.normal(size=3), rng.normal(size=3), float(rng.uniform(1, 179)))
+    angle = float(rng.choice([rng.uniform(1, 179), 10.0 ** rng.uniform(-8, 0), 180 - 10.0 ** rng.uniform(-8, 0)]))
+    camera = wvr.Camera(position, position + rng.normal(size=3), rng.normal(size=3), angle)
     return Adversary(volume, function(rng, 0, 1), camera)
+
+
+@kind
+def rolled(rng: Rng) -> Adversary:
+    """``up`` nearly along the direction of view."""
+    volume = wvr.Volume(samples_of(rng))
+    middle = volume.corners.mean(axis=0)
+    way = rng.normal(size=3)
+    way /= np.linalg.norm(way)
+    up = way + 10.0 ** rng.uniform(-8.5, -1) * np.cross(way, rng.normal(size=3))
+    return Adversary(volume, function(rng, 0, 1), wvr.Camera(middle + 16 * way, middle, up))
+
+
+@kind
+def origins(rng: Rng) -> Adversary:
+    """All of the world far from its origin, a clip volume too."""
+    home = rng.normal(size=3) * 10.0 ** rng.uniform(0, 10)
+    volume = wvr.Volume(samples_of(rng), origin=home)
+    size = np.ptp(volume.corners, axis=0)
+    field = wvr.Volume(rng.random((3, 3, 3)), size / 2, home - rng.choice([0, 0.25]))
+    clip = wvr.ClipVolume(field, float(rng.uniform(0.2, 0.6)))
+    return Adversary(volume, function(rng, 0, 1), view(rng, volume), options={"clip": clip})
 
 
 @kind
