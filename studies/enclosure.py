@@ -29,7 +29,7 @@ STUDY = Study("enclosure", "Enclosures: bounds before an independent judge")
 # From which on an enclosure does not say on which side of a jump the truth is.
 WIDE = 1e-9
 # What nothing may come to in an enclosure, where a clip's face is a cell's.
-NOTHING = 1e-50
+NOTHING = 1e-30
 PRECISIONS: tuple[Precision, ...] = ("auto", "float32", "float64")
 
 

@@ -25,8 +25,8 @@ def assert_bounded(scene, tolerance, precision):
         least, most = errors(image.rgba[y, x], truth)
         bound = float(image.error_bound[y, x])
         assert least <= bound, f"pixel {x}, {y}: off by {least:.3g}, bound {bound:.3g}"
-        # Of a ray that nothing is left of by a clip whose face is a cell's, nothing is known to be less than 1e-50.
-        open_ended = truth.width > WIDE or (bound == 0 and truth.width < 1e-50)
+        # Of a ray that nothing is left of by a clip whose face is a cell's, nothing is known to be less than 1e-30.
+        open_ended = truth.width > WIDE or (bound == 0 and truth.width < 1e-30)
         assert open_ended or most <= bound, f"pixel {x}, {y}: off by up to {most:.3g}, bound {bound:.3g}"
         decided += truth.width <= WIDE
     return decided
