@@ -85,6 +85,11 @@ def enclose(
         For a pixel outside the image, ``width`` <= 0, clips that are naive or cut segments, labels of another shape
         than the volume's, lighting or shadows.
 
+    Notes
+    -----
+    The precision of python-flint is one for the whole process while a pixel is enclosed, and put back: use processes to
+    enclose several at a time, not threads.
+
     Examples
     --------
     >>> import numpy as np, wvr
