@@ -41,6 +41,7 @@ NAMES = (
     "campagnolo2015",
     "angelelli2017",
     "stability",
+    "enclosure",
     "gallery",
 )
 ROOT = Path(__file__).parents[1]

@@ -1,6 +1,7 @@
 import dataclasses
 import types
 
+import mpmath
 import numpy as np
 import pytest
 from vtkmodules.vtkRenderingCore import vtkCamera, vtkRenderer
@@ -268,3 +269,32 @@ def test_cameras_do_not_change():
         camera.position[0] = 9
     assert dataclasses.replace(camera, view_angle=20).view_angle == 20
     assert repr(camera) == "Camera((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), up=(0.0, 0.0, 1.0), view_angle=30.0)"
+
+
+@pytest.mark.parametrize("angle", [1e-3, 1e-6, 1e-8, 2e-9])
+def test_up_may_be_nearly_along_the_view(angle):
+    """Directions across the view, in many digits."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        way, position = rng.normal(size=3), rng.normal(size=3) * 10
+        way /= np.linalg.norm(way)
+        up = way + angle * np.cross(way, rng.normal(size=3))
+        try:
+            camera = wvr.Camera(position, position + 7 * way, up)
+        except ValueError:
+            continue
+        with mpmath.workdps(50):
+            a = [mpmath.mpf(x) - mpmath.mpf(y) for x, y in zip(camera.target.tolist(), position.tolist(), strict=True)]
+            b = [mpmath.mpf(x) for x in up.tolist()]
+            cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+            length = mpmath.sqrt(sum(x * x for x in cross))
+            right = [float(x / length) for x in cross]
+        assert np.abs(camera.basis()[0] - right).max() < 4e-16
+
+
+@pytest.mark.parametrize("angle", [1e-9, 1.0, 30.0, 90.0, 91.0, 179.0, 179.9999999, 180 - 2**-40])
+def test_half_the_height_of_a_view_of_any_angle(angle):
+    camera = wvr.Camera((0, 0, 9), (0, 0, 0), up=(0, 1, 0), view_angle=angle)
+    with mpmath.workdps(50):
+        truth = float(mpmath.tan(mpmath.mpf(angle) * mpmath.pi / 360))
+    assert abs(camera.half_height - truth) <= 4e-16 * truth

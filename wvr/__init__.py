@@ -6,6 +6,7 @@ from .compare import Comparison, compare
 from .cuts.labels import Segmentation
 from .cuts.shapes import ClipBox, ClipPlane, ClipSphere
 from .cuts.volumes import ClipVolume
+from .enclosure import Enclosure, enclose
 from .image import Image
 from .integrators import AdaptivePreintegrated, AdaptiveSimpson, Certified, Exact, Preintegrated, Riemann, Simpson
 from .io import read, read_raw
@@ -33,6 +34,7 @@ __all__ = [
     "Comparison",
     "ConvolutionShadows",
     "DirectionalLight",
+    "Enclosure",
     "Exact",
     "Headlight",
     "Image",
@@ -47,6 +49,7 @@ __all__ = [
     "Volume",
     "compare",
     "datasets",
+    "enclose",
     "get_num_threads",
     "preintegrate",
     "presets",

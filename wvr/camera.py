@@ -8,6 +8,7 @@ is the top of the image.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from operator import index
 from typing import Any
 
@@ -80,10 +81,20 @@ class Camera:
         """Whether the camera is orthographic."""
         return self.parallel_scale is not None
 
+    @property
+    def half_height(self) -> float:
+        """Half the view's height: world length, of a perspective view that at distance 1."""
+        if self.parallel_scale is not None:
+            return self.parallel_scale
+        if self.view_angle <= 90:
+            return float(np.tan(np.radians(self.view_angle / 2)))
+        # Of what lacks to 180 degrees, which is exact; the tangent of a rounded right angle is not.
+        return float(1 / np.tan(np.radians((180 - self.view_angle) / 2)))
+
     def basis(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Orthonormal world directions (right, up, forward) of the image, each of shape (3,)."""
         forward = _unit(self.target - self.position)
-        right = _unit(np.cross(forward, _unit(self.up)))
+        right = _unit(_across(self.target, self.position, self.up))
         return right, np.cross(right, forward), forward
 
     def rays(self, size: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -103,7 +114,7 @@ class Camera:
         """
         width, height = image_size(size)
         right, up, forward = self.basis()
-        half_height = np.tan(np.radians(self.view_angle) / 2) if self.parallel_scale is None else self.parallel_scale
+        half_height = self.half_height
         x = (2 * np.arange(width) + 1 - width) / height * half_height
         y = (height - 1 - 2 * np.arange(height)) / height * half_height
         across = x[None, :, None] * right + y[:, None, None] * up
@@ -198,6 +209,17 @@ def _view_angle(value: Any) -> float:
     if angle >= 180:
         raise ValueError(f"view_angle must be between 0 and 180 degrees, got {value!r}")
     return angle
+
+
+def _across(target: NDArray[np.float64], position: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The direction of ``(target - position) x up``, of exact numbers: of vectors that are nearly parallel, rounded
+    ones would leave few digits of it.
+    """
+    a = [Fraction(to) - Fraction(at) for to, at in zip(target.tolist(), position.tolist(), strict=True)]
+    b = [Fraction(x) for x in up.tolist()]
+    cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    largest = max(map(abs, cross))
+    return np.array([float(x / largest) for x in cross])
 
 
 def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:

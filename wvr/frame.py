@@ -210,8 +210,7 @@ def view(volume: Field, camera: Camera, width: int, height: int) -> Any:
     """The struct of ``kernels.ray`` for a camera and image size, set up in float64."""
     to_index = np.linalg.inv(volume.index_to_world[:3, :3])
     right, up, forward = camera.basis()
-    half = np.tan(np.radians(camera.view_angle) / 2) if camera.parallel_scale is None else camera.parallel_scale
-    pixel = 2 * half / height
+    pixel = 2 * camera.half_height / height
     right, down = pixel * right, -pixel * up
     corner = -0.5 * (width - 1) * right - 0.5 * (height - 1) * down
     # The view's axis next to the volume's middle, counted from the nearer of the two points that define it: no
@@ -220,7 +219,9 @@ def view(volume: Field, camera: Camera, width: int, height: int) -> Any:
     near = min(camera.position, camera.target, key=lambda point: float(np.abs(point - middle).max()))
     along = float((middle - near) @ forward)
     depth = along + (near is camera.target) * float(np.linalg.norm(camera.target - camera.position))
-    if not camera.parallel and depth <= 0:
+    # At the camera, where that is nearer than the edges of so wide a view are there.
+    wide = depth * float(np.linalg.norm(corner)) >= float(np.linalg.norm(camera.position - middle))
+    if not camera.parallel and (depth <= 0 or wide):
         near, along, depth = camera.position, 0.0, 0.0
     axis = (near - volume.index_to_world[:3, 3]) + along * forward
     spread = 1.0 if camera.parallel else depth
@@ -236,8 +237,7 @@ def view(volume: Field, camera: Camera, width: int, height: int) -> Any:
     result.low, result.high = wp.vec3d(*low), wp.vec3d(*high)
     result.seen_low, result.seen_high = result.low, result.high
     # What it is made of, along each axis of the world: each is rounded a few times, and so is the inverse.
-    turned = 1 + 1 / np.linalg.norm(np.cross(forward, camera.up / np.linalg.norm(camera.up)))
-    extent = turned * spread * (width * np.abs(right) + height * np.abs(down)) / 2
+    extent = spread * (width * np.abs(right) + height * np.abs(down)) / 2
     reach = np.abs(volume.corners - near).max(axis=0) + np.abs(near - volume.index_to_world[:3, 3])
     sizes = reach + extent + abs(along) * np.abs(forward)
     inverse = np.abs(to_index)

@@ -38,7 +38,7 @@ class Certificate:
     ulps: wp.vec2d  # rounding of a scalar along a ray, in parts of the largest corner and of the range of a cell
     blur: wp.float64  # the same of any cell
     local: bool  # cells differ much in it
-    nodes: wp.array(dtype=wp.vec2d)  # of ``linear.gauss_nodes``
+    nodes: wp.array(dtype=wp.vec2d)  # of ``pieces.NODES``
 
 
 @dataclass(frozen=True)

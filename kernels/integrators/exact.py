@@ -17,7 +17,7 @@ from .pieces import Piece, make_pieces
 
 @wp.struct
 class ExactNodes:
-    nodes: wp.array(dtype=wp.vec2d)  # of ``linear.gauss_nodes``
+    nodes: wp.array(dtype=wp.vec2d)  # of ``pieces.NODES``
 
 
 @dataclass(frozen=True)

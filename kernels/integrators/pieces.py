@@ -8,22 +8,40 @@ quadrature, with eight nodes or more.
 """
 
 from functools import cache
+from math import expm1, factorial
 from typing import Any, NamedTuple
 
-import numpy as np
 import warp as wp
 
 from ..field.cell import at, moved, quartic, turns, vec5d, zero
 from ..light.points import make_shading
 from ..segment import make_absorbed, over
 from ..transfer.function import make_transfer
-from ..transfer.linear import CUT, RULES
+from ..transfer.linear import CUT
 
-# Nodes of the Gauss-Legendre rules of ``linear.gauss_nodes`` by optical depth of a piece: (depth up to, rule). The
-# integrand is a polynomial of degree 6 times exp(-quartic). Pieces deeper than the last are cut at multiples of it.
-# For any cubic, 1e-12 of the opacity times how far the scalar goes (docs/proof.md, lemma 5).
-DEPTHS = ((2e-6, 0), (2.8e-4, 1), (0.117, 2), (1.2, 3))
-QUADRATURE = 1e-12
+# Nodes of the Gauss-Legendre rules, of which a piece takes the first that is exact to ACCURACY at its optical depth; it
+# is cut at multiples of the last one's.
+NODES = (8, 12, 20, 28, 40)
+# Of quadrature, in parts of a piece's opacity and of what colour changes between two control points.
+ACCURACY = 1e-12
+
+
+def deepest(n):
+    """The optical depth X up to which n nodes are exact to ``ACCURACY``.
+
+    On a piece of depth X the integrand is a polynomial of degree 6, from 0 to 1 times an extinction that integrates to
+    X, times exp(-D), D a polynomial of degree 4 that rises from 0 to X. A polynomial of degree K - 1 in D is within
+    ``e = 2 (X / 4)^K / K!`` of exp(-D) (interpolation at Chebyshev's points; its K-th derivative is 1 at most), and the
+    rule is exact for what it makes of the integrand if 6 + 4 (K - 1) <= 2 n - 1. Weights are positive and the rule is
+    exact for the extinction, so that integral and rule are off by X e at most, each. The opacity is 1 - exp(-X).
+    """
+    K = (2 * n - 7) // 4 + 1
+    low, high = 0.0, 16.0
+    while high - low > 1e-9 * high:
+        X = (low + high) / 2
+        error = 2 * X * 2 * (X / 4) ** K / factorial(K) / -expm1(-X)
+        low, high = (X, high) if error <= ACCURACY else (low, X)
+    return low
 
 
 # Rounding of extinction, in parts of the larger one at the ends of its interval (docs/proof.md, lemma 4).
@@ -130,9 +148,9 @@ def make_pieces(halves):
     Scene = halves.Scene
     _, interval, _ = make_transfer(wp.float64)
     absorbed, _ = make_absorbed(wp.float64)
-    sizes = [n for _, n in RULES["float64"]]
-    (d0, n0), (d1, n1), (d2, n2), (d3, n3) = [(depth, sizes[rule]) for depth, rule in DEPTHS]
-    o1, o2, o3 = np.cumsum(sizes)[:3].tolist()
+    rules = len(NODES)
+    numbers = wp.constant(wp.types.vector(rules, int)(*NODES))
+    depths = wp.constant(wp.types.vector(rules, wp.float64)(*map(deepest, NODES)))
     opaque = CUT["float64"]
     lighted = halves.light is not None
     _, gradient, light, lit, _ = make_shading(halves)
@@ -158,23 +176,18 @@ def make_pieces(halves):
         s = here.s
         depth = quartic(D, here.length)
         first = int(0)
-        count = int(n0)
-        if depth > wp.float64(d2):
-            first = o3
-            count = n3
-        elif depth > wp.float64(d1):
-            first = o2
-            count = n2
-        elif depth > wp.float64(d0) or wp.static(lighted):
-            first = o1
-            count = n1
+        count = numbers[0]
+        for rule in range(rules - 1):
+            if depth > depths[rule]:
+                first += count
+                count = numbers[rule + 1]
         total = wp.float64(0.0)
         color = wp.vec4d()
         start = wp.float64(0.0)
         reached = wp.float64(0.0)
         while reached < wp.min(depth, wp.float64(opaque)):
             stop = here.length
-            reached += wp.float64(d3)
+            reached += depths[rules - 1]
             if reached < depth:
                 behind = D
                 behind[0] = -reached

@@ -22,9 +22,9 @@ CUT = {"float32": 17.0, "float64": 37.0}
 FAINT = {"float32": 0.03, "float64": 1e-4}
 
 
-def gauss_nodes(precision):
-    """Nodes and weights on [0, 1] of all rules of a precision, one after the other: float64, shape (sum of n, 2)."""
-    rules = [np.polynomial.legendre.leggauss(n) for _, n in RULES[precision]]
+def gauss_nodes(numbers):
+    """Nodes and weights on [0, 1] of rules of so many nodes, one after the other: float64, shape (sum of n, 2)."""
+    rules = [np.polynomial.legendre.leggauss(n) for n in numbers]
     return np.concatenate([np.stack([(x + 1) / 2, w / 2], axis=1) for x, w in rules])
 
 

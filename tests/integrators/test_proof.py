@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 import wvr
 from wvr.frame import view
-from wvr.kernels.integrators.pieces import DEPTHS, QUADRATURE
+from wvr.kernels.integrators.pieces import ACCURACY, NODES, deepest
 from wvr.kernels.integrators.series import THIN, TRUNCATED
-from wvr.kernels.transfer.linear import RULES, gauss_nodes
+from wvr.kernels.transfer.linear import gauss_nodes
 from wvr.launch import get_device, launch
 
 
@@ -140,17 +140,14 @@ def test_a_ray_along_a_face_is_bounded_by_all_that_it_may_see():
 
 @settings(max_examples=200, deadline=None)
 @given(
-    rule=st.integers(0, len(DEPTHS) - 1),
+    n=st.sampled_from(NODES),
     roots=st.lists(st.floats(-1, 2), min_size=2, max_size=2),
     lead=st.floats(-1, 1),
     color=st.lists(st.floats(-1, 1), min_size=3, max_size=3),
 )
-def test_quadrature_of_a_piece(rule, roots, lead, color):
+def test_quadrature_of_a_piece(n, roots, lead, color):
     """Of a cubic that is nowhere negative, at the deepest that a rule is used for, against a rule of 80 nodes."""
-    depth, which = DEPTHS[rule]
-    n = RULES["float64"][which][1]
-    first = sum(count for _, count in RULES["float64"][:which])
-    nodes = gauss_nodes("float64")[first : first + n]
+    depth, nodes = deepest(n), gauss_nodes([n])
     u = np.linspace(0, 1, 2001)
     tau = np.poly1d([lead, 1]) * np.poly1d(np.poly(roots))
     tau = tau - min(tau(u).min(), 0) * 1.0000001
@@ -164,7 +161,7 @@ def test_quadrature_of_a_piece(rule, roots, lead, color):
 
     x, w = np.polynomial.legendre.leggauss(80)
     off = abs(integral(*nodes.T) - integral((x + 1) / 2, w / 2))
-    assert off <= QUADRATURE * far * -np.expm1(-depth) + 20 * 2.0**-53 * far * depth
+    assert off <= ACCURACY * far * -np.expm1(-depth) + 20 * 2.0**-53 * far * depth
 
 
 # Lemma 6: exponentials

@@ -117,16 +117,20 @@ def clipping_struct(clips: tuple[Clip, ...], to_world: NDArray[np.float64], keep
     dtype, kinds = clip_dtype(clips), clip_kinds(clips)
     VolumeStruct, Clipping = make_clipping(wp.dtype_from_numpy(dtype))
 
-    def placed(struct: Any, clip: Clip, world_to: NDArray[np.floating]) -> Any:
+    def placed(struct: Any, clip: Clip, matrix: NDArray[np.floating], offset: NDArray[np.floating]) -> Any:
+        """World p to matrix @ p in the clip's own coordinates, the origin of ``to_world`` to ``offset``."""
         struct.invert = clip.invert
-        struct.matrix = wp.mat33d(*(world_to[:3, :3] @ to_world[:3, :3]).ravel())
-        struct.offset = wp.vec3d(*(world_to[:3, :3] @ to_world[:3, 3] + world_to[:3, 3]))
+        struct.matrix = wp.mat33d(*(matrix @ to_world[:3, :3]).ravel())
+        struct.offset = wp.vec3d(*offset)
         return struct
 
     groups: dict[str, list[Any]] = {}
     for clip in clips:
         if isinstance(clip, ClipVolume):
-            struct = placed(VolumeStruct(), clip, np.linalg.inv(clip.volume.index_to_world))
+            own = clip.volume.index_to_world
+            to_own = np.linalg.inv(own[:3, :3])
+            # Of the distance between both, which loses no digits of where they are in the world.
+            struct = placed(VolumeStruct(), clip, to_own, to_own @ (to_world[:3, 3] - own[:3, 3]))
             data, struct.ranges = keep(ClipData(clip.volume.part(), dtype.name))
             struct.field = samples_struct(data)
             struct.iso = float(clip.iso)
@@ -134,7 +138,8 @@ def clipping_struct(clips: tuple[Clip, ...], to_world: NDArray[np.float64], keep
             name = "naive_volumes" if clip.naive or naive else "partial_volumes" if clip.parts else "volumes"
         else:
             assert isinstance(clip, Shape)
-            struct = placed(ClipStruct(), clip, clip.world_to_shape)
+            matrix = clip.world_to_shape[:3, :3]
+            struct = placed(ClipStruct(), clip, matrix, matrix @ to_world[:3, 3] + clip.world_to_shape[:3, 3])
             struct.kind = kinds.index(clip.half)
             name = "naive_shapes" if clip.naive or naive else "shapes"
         groups.setdefault(name, []).append(struct)

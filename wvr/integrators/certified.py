@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..keep import Keeper
 from ..kernels.integrators.certified import Half
-from ..kernels.integrators.pieces import QUADRATURE, VALUE
+from ..kernels.integrators.pieces import ACCURACY, NODES, VALUE
 from ..kernels.integrators.series import TRUNCATED
 from ..transfer.function import transfer_values
 from ..transfer.nodes import nodes_array
@@ -38,7 +38,7 @@ U = 2.0**-53
 # What pieces are off by, in parts of what they add and of the brightest colour: opacity as a polynomial, also in what
 # it is multiplied with; quadrature, of scalars whose colours may be twice the brightest apart; products of a few
 # rounded numbers and exponentials (docs/proof.md, lemma 8).
-PIECES = 4 * TRUNCATED + 2 * QUADRATURE + 64 * U
+PIECES = 4 * TRUNCATED + 2 * ACCURACY + 64 * U
 # What the sums are off by for each of a ray's cells and pieces, in parts of the brightest colour (lemma 9).
 SUM = 6 * U
 # Cells and pieces that a tolerance allows for, for each sample along the volume's axes; a ray counts what it has.
@@ -190,7 +190,7 @@ class Certified(Integrator):
             "ulps": wp.vec2d(*_ulps(scene)),
             "blur": shares.blur,
             "local": bool(np.ptp(scene.volume.range) > OUTLYING * max(np.ptp(tf.knots) for tf in scene.functions)),
-            "nodes": nodes_array("float64", keep.device),
+            "nodes": nodes_array("float64", keep.device, NODES),
         }
 
     def termination(self, scene: Scene) -> float:

@@ -254,7 +254,7 @@ def place(
     side = np.stack([right, up]) / cell
     flat = corners @ side.T
     if fans:
-        half = np.tan(np.radians(camera.view_angle) / 2)
+        half = camera.half_height
         extent = half / cell * np.array([view.width / view.height, 1.0])
         flat = np.stack([-extent, extent])
         if z.min() > 0:
@@ -295,7 +295,7 @@ def place(
 def sweeps_all(camera: Camera, axis: NDArray[np.float64], view: Any) -> None:
     """Says so where a ray of the image does not pass slices across ``axis`` in the order that the others do."""
     right, up, forward = camera.basis()
-    half = np.tan(np.radians(camera.view_angle) / 2)
+    half = camera.half_height
     across = half * view.width / view.height * right
     rates = [axis @ (forward + i * across + j * half * up) for i in (-1, 1) for j in (-1, 1)]
     if min(rates) <= 0.02 and max(rates) >= -0.02:
