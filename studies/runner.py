@@ -42,6 +42,7 @@ NAMES = (
     "angelelli2017",
     "stability",
     "enclosure",
+    "hunt",
     "gallery",
 )
 ROOT = Path(__file__).parents[1]
