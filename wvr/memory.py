@@ -5,6 +5,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import warp as wp
+
+
+def free_memory(device: wp.Device) -> float:
+    """Bytes that can still be taken on a device."""
+    return device.free_memory if device.is_cuda else free_host_memory()
+
 
 def free_host_memory() -> float:
     """Bytes that can be taken without swapping."""

@@ -248,6 +248,9 @@ class Volume(Field):
     def nbytes(self) -> int:  # type: ignore[override]
         return self.host().nbytes
 
+    def missing_on(self, device: wp.Device) -> int:
+        return 0 if device.is_cpu or device.alias in self._device_arrays else self.nbytes
+
     def part(self) -> Data:
         """The samples as a part that renderers keep."""
         return Data(self, self.version)

@@ -203,7 +203,7 @@ def test_files_and_their_options(run, rendered):
 def test_a_file_comes_before_a_dataset_of_its_name(run, rendered):
     Path("tree").mkdir()
     code, _, err = run("render", "tree")
-    assert code == 1 and "no TIFF or DICOM" in err
+    assert code == 1 and "or DICOM images in the folder" in err
 
 
 def test_the_background_is_in_png_files(run, rendered):

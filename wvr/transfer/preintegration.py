@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..kernels.precision import REALS, vec4_of
 from ..kernels.transfer.preintegration import make_approximate, make_generators
 from ..launch import get_device, launch
+from ..memory import free_host_memory, free_memory
 from ..transfer_function import TransferFunction
 from ..validation import choice, positive
 from .running import Cut, RunningIntegrals
@@ -21,6 +22,8 @@ from .table import Table
 Weights = Literal["lighting", "lum"]
 
 GENERATORS = ("incremental", "brute", "approximate", "running")
+# The largest n whose square kernels can count to.
+LARGEST = 46340
 WEIGHTS = (None, "lighting", "lum")
 
 
@@ -89,8 +92,10 @@ def preintegrate(
     Raises
     ------
     ValueError
-        For n < 2, lengths <= 0, NaN or not ascending, lo >= hi, a transfer function of a single scalar without
-        ``domain``, or weights with a generator that has none.
+        For n < 2 or > 46340, lengths <= 0, NaN or not ascending, lo >= hi, a transfer function of a single scalar
+        without ``domain``, or weights with a generator that has none.
+    MemoryError
+        For tables that would not fit the memory, before it is taken.
 
     Examples
     --------
@@ -119,11 +124,32 @@ def preintegrate(
     if generator == "running":
         return RunningIntegrals(cut)
     on = get_device(device)
+    _check_memory(tf, int(n), len(lengths), weights, precision, on)
     layers = [tables_of(tf, cut, value, generator, weights, precision, on) for value in lengths]
     tables = {name: np.stack([layer[name] for layer in layers]) for name in layers[0]}
     if np.ndim(length) == 0:
         return Table(domain=(lo, hi), length=lengths[0], **{name: entries[0] for name, entries in tables.items()})
     return Table(domain=(lo, hi), length=np.array(lengths), **tables)
+
+
+def _check_memory(
+    tf: TransferFunction, n: int, lengths: int, weights: str | None, precision: str, device: wp.Device
+) -> None:
+    """Of tables as they are made and kept: before any is."""
+    if n > LARGEST:
+        raise ValueError(f"n must be at most {LARGEST}, got {n}")
+    kinds = (1 + (tf.ambient is not None)) + 2 * (weights is not None) * (1 + (tf.diffuse is not None))
+    entry = 16 if precision == "float32" else 32
+    # On the device, of one length, and twice on the host: as they come, and all in one.
+    for needed, free, where in (
+        (n * n * entry * kinds, free_memory(device), device.alias),
+        (2 * n * n * entry * kinds * lengths, free_host_memory(), "the host"),
+    ):
+        if needed > free:
+            raise MemoryError(
+                f"tables of n = {n} entries along an axis and {lengths} lengths need {needed / 2**30:.1f} GiB on "
+                f"{where}, which has {free / 2**30:.1f} GiB free: take a smaller n"
+            )
 
 
 def tables_of(
