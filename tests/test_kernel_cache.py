@@ -1,4 +1,4 @@
-"""Compiled kernels that are damaged, or cannot be kept: right images or an error that says so, and no end of a process."""
+"""Compiled kernels that are damaged or cannot be kept: right images, or an error that says so; the process lives on."""
 
 from __future__ import annotations
 

@@ -45,6 +45,8 @@ def corrupt(path: Path) -> Iterator[None]:
         yield
     except Unsupported as error:
         raise error if str(path) in str(error) else Unsupported(f"{path}: {error}") from None
+    except ImportError:  # which says what to install
+        raise
     except Surplus as flaw:
         raise OSError(f"{path} holds more than it declares: {flaw}") from None
     except Flaw as flaw:
