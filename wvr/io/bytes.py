@@ -10,6 +10,7 @@ import bz2
 import math
 import os
 import stat
+import warnings
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -142,6 +143,12 @@ def header(file: BinaryIO, ends: Callable[[bytes], bool]) -> tuple[list[str], bo
         lines.append(line.decode("utf-8", "surrogateescape").rstrip("\r\n"))
         if not line or ends(line):
             return lines, bool(line)
+
+
+def guess(path: Path, what: str) -> float:
+    """1 for a length that a file does not say, and a warning."""
+    warnings.warn(f"{path} does not say {what}: 1 is taken", UserWarning, stacklevel=2)
+    return 1.0
 
 
 def skip_lines(file: BinaryIO, count: int) -> None:

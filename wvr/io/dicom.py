@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..samples import Grid, Unsupported, components_error, rescaled
-from .bytes import Flaw, corrupt, empty, opened
+from .bytes import Flaw, corrupt, empty, guess, opened
 
 # Directions that differ by less are one: scanners write them rounded, each file on its own.
 NOISE = 1e-4
@@ -146,7 +146,8 @@ def _frame(path: Path, head: Any, stored: NDArray, k: int) -> Slice:
         offsets = head.get("GridFrameOffsetVector") or [thickness * n for n in range(frames)]
         # The vector begins at 0, or holds places along z.
         place = place + np.cross(row, column) * (float(offsets[k]) - float(offsets[0]))
-    spacing = tuple(float(v) for v in measures.get("PixelSpacing") or head.get("ImagerPixelSpacing") or (1.0, 1.0))
+    widths = measures.get("PixelSpacing") or head.get("ImagerPixelSpacing") or []
+    spacing = tuple(float(width) for width in widths) or (guess(path, "how wide pixels are"),) * 2
     time = _number(content.get("TemporalPositionIndex"), _number(head.get("TemporalPositionIdentifier"), 0.0))
     order = time if not timely else float(k), _number(head.get("InstanceNumber"), 0.0) + k * (not timely)
     series = str(head.get("SeriesInstanceUID", ""))

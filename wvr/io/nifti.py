@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..samples import Grid, components_error, rescaled
-from .bytes import Flaw, corrupt, opened, packing_of, samples, start_of
+from .bytes import Flaw, corrupt, guess, opened, packing_of, samples, start_of
 
 # Bytes of the longest header.
 HEADER = 540
@@ -32,7 +32,7 @@ def read_nifti(path: Path) -> Grid:
             raise Flaw(f"its magic is {magic!r} where n+1, n+2, ni1 or ni2 is expected")
         with imageglobals.LoggingOutputSuppressor():
             head = kind.from_fileobj(BytesIO(content[:size]), check=False)
-        steps, origin = _place(head)
+        steps, origin = _place(path, head)
     pair = magic[1:2] == b"i"
     return _read(path, _partner(path) if pair else path, head, 0 if pair else size, (steps, origin))
 
@@ -89,10 +89,12 @@ def _read(
     return Grid(array, *place, "RAS", tuple(dict.fromkeys((path, data))))
 
 
-def _place(head: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _place(path: Path, head: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """That of the sform; where it is none, of the qform; without one, spacing alone."""
     for form in (head.get_sform(coded=True)[0], head.get_qform(coded=True)[0]):
         if form is not None and np.all(np.isfinite(form)) and np.linalg.det(form[:3, :3]) != 0:
             return form[:3, :3].astype(np.float64), form[:3, 3].astype(np.float64)
     spacing = np.abs(head["pixdim"][1:4].astype(np.float64))
-    return np.diag(np.where(spacing > 0, spacing, 1.0)), np.zeros(3)
+    if not np.all(spacing > 0):
+        spacing = np.where(spacing > 0, spacing, guess(path, "how wide voxels are along every axis"))
+    return np.diag(spacing), np.zeros(3)

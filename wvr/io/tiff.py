@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..samples import Grid, Unsupported, components_error
-from .bytes import Flaw, corrupt, empty, opened
+from .bytes import Flaw, corrupt, empty, guess, opened
 from .space import in_first_unit
 
 
@@ -33,7 +33,7 @@ def stack(path: Path) -> tuple[NDArray, list[float]]:
         strips = [strip for page in pages for strip in zip(page.dataoffsets, page.databytecounts, strict=True)]
         if max(ends + [offset + count for offset, count in strips]) > size or not all(count for _, count in strips):
             raise Flaw("some of its samples are missing")
-        series, spacing = file.series, _spacing(file)
+        series, spacing = file.series, _spacing(path, file)
         axes, shape, dtype = series[0].axes, series[0].shape, series[0].dtype
         # As many samples as there may be in so many bytes, before any memory is taken for them.
         packing = "raw" if all(page.compression == 1 for page in pages) else "image"
@@ -74,7 +74,7 @@ def _samples_of(path: Path, dtype: np.dtype, pages: int) -> NDArray:
     return np.stack(slices).astype(dtype)
 
 
-def _spacing(file: Any) -> list[float]:
+def _spacing(path: Path, file: Any) -> list[float]:
     """Spacing along x, y, z where the file states a voxel's size; a plain resolution is one of print: 1."""
     if file.is_ome:
         head = file.ome_metadata
@@ -89,6 +89,8 @@ def _spacing(file: Any) -> list[float]:
     head, tags = file.imagej_metadata, file.pages[0].tags
     per_unit = [tags[name].value if name in tags else (1, 1) for name in ("XResolution", "YResolution")]
     lengths = [d / n if n else 1.0 for n, d in per_unit] + [float(head.get("spacing", 1.0))]
+    if "spacing" not in head and lengths[:2] != [1.0, 1.0] and len(file.pages) > 1:
+        guess(path, "how far slices are apart, only how wide pixels are")
     unit = str(head.get("unit", ""))
     return in_first_unit(lengths, [unit, str(head.get("yunit", unit)), str(head.get("zunit", unit))])
 
