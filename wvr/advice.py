@@ -37,7 +37,7 @@ def advise(scene: Scene, image: Image) -> None:
         if low < high and min(high, last) - max(low, first) < NARROW * (last - first):
             _warn(
                 f"{data}, a small part of the transfer function's, from {first:g} to {last:g}, so that all looks much "
-                f"the same: if it is for other scalars, such as Hounsfield units, give it the domain ({low:g}, {high:g})"
+                f"the same: if it is for others, such as Hounsfield units, pass it domain=({low:g}, {high:g})"
             )
 
 

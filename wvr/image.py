@@ -49,6 +49,9 @@ class Image:
         background: str | Sequence[float] | None = None,
         tracer: Callable[[int, int], NDArray[np.void]] | None = None,
     ):
+        for name, given in (("rgba", rgba), ("samples", samples), ("error_bound", error_bound)):
+            if not isinstance(given, np.ndarray) and not (given is None and name == "error_bound"):
+                raise TypeError(f"{name} must be a NumPy array, got {type(given).__name__}")
         if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.dtype not in (np.float32, np.float64):
             raise ValueError(f"rgba must be float32 or float64 (height, width, 4), got {rgba.dtype} {rgba.shape}")
         for name, array in (("samples", samples), ("error_bound", error_bound)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import re
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -129,7 +130,10 @@ def data_file(path: Path, name: str, several: str) -> Path:
         raise Unsupported(
             f"{path} spreads its samples over several files ({name!r}); only one is supported: merge them"
         )
-    return path.parent / name
+    data = path.parent / name
+    if "\0" in name or not data.exists():
+        raise FileNotFoundError(errno.ENOENT, f"the samples of {path} are in a file that is not there", str(data))
+    return data
 
 
 def _data_file(path: Path, name: str) -> Path:
