@@ -23,8 +23,8 @@ def rendered(points, camera=None):
 @pytest.mark.parametrize(
     "points, message",
     [
-        ([(300, "red", 0), (400, "red", 1)], "from 0 to 200, .* from 300 to inf; give it .* between 0 and 200"),
-        ([(-9, "red", 1), (-5, "red", 0)], "from 0 to 200, .* from -inf to -5; give it .* between 0 and 200"),
+        ([(300, "red", 0), (400, "red", 1)], "from 0 to 200, .* from 300 to inf; give it .* opacity among them"),
+        ([(-9, "red", 1), (-5, "red", 0)], "from 0 to 200, .* from -inf to -5; give it .* opacity among them"),
         ([(0, "red", 0), (255, "red", 0)], "it has no opacity at all; give it"),
         ([(0, "red", 0), (255, "red", 1e-5)], "raise opacities, or make unit_distance smaller"),
         ([(-1024, "red", 0), (3000, "red", 1)], "from 0 to 200, a small part .* from -1024 to 3000.*domain"),

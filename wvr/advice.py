@@ -19,14 +19,14 @@ NARROW = 1 / 12
 def advise(scene: Scene, image: Image) -> None:
     """Warn where there is nothing to see in an image, or the scalars are a small part of the transfer function's."""
     low, high = scene.volume.range
-    data = f"the volume's scalars go from {low:g} to {high:g}"
+    data = f"the volume's scalars {f'go from {low:g} to {high:g}' if low < high else f'are all {low:g}'}"
     shown = [span for span in map(_shown, scene.functions) if span is not None]
     most = float(image.rgba[..., 3].max())
     if most < FAINT:
         begin, end = min((a for a, _ in shown), default=0.0), max((b for _, b in shown), default=0.0)
         opaque = f"the transfer function has opacity from {begin:g} to {end:g}" if shown else "it has no opacity at all"
         if not shown or end < low or begin > high:
-            advice = f"give it control points with opacity between {low:g} and {high:g}, or a preset the domain"
+            advice = "give it control points with opacity among them, or a preset that domain"
         elif not image.samples.any():
             advice = "no ray meets any of it: see that the camera looks at the volume (Camera.fit) and clips leave it"
         else:

@@ -50,18 +50,17 @@ class Reading:
     def load(self, source: str, nan: Literal["error", "transparent"], stage: Stages) -> Volume:
         """The volume of a file, folder or dataset."""
         from .. import datasets
-        from ..io import read
 
         if Path(source).exists():
             if self.dataset_size is not None:
                 raise ValueError(f"--dataset-size is for generated datasets, {source!r} is a file")
             stage(f"reading {source}")
-            if self.shape is not None or self.dtype is not None:
-                return self._bare(source, nan)
-            self._refuse(
-                "spacing", "offset", of=f"bare samples, with --shape and --dtype; {source!r} is read as it says"
-            )
-            return read(source, self.scalars, nan, self.frame)
+            try:
+                return self._read(source, nan)
+            except ValueError as error:
+                # It names what Python calls them.
+                message = str(error).replace('nan="transparent"', "--nan transparent").replace("frame=", "--frame")
+                raise ValueError(message.replace("scalars must name", "--scalars must name")) from None
         if source not in datasets.names():
             raise FileNotFoundError(
                 f"{source!r} is neither a file or folder nor a dataset; datasets are {', '.join(datasets.names())}"
@@ -73,6 +72,14 @@ class Reading:
         if self.dataset_size is not None:
             raise ValueError(f"--dataset-size is for generated datasets, {source!r} is downloaded as it is")
         return datasets.fetch(source)  # which shows its own progress
+
+    def _read(self, source: str, nan: Literal["error", "transparent"]) -> Volume:
+        from ..io import read
+
+        if self.shape is not None or self.dtype is not None:
+            return self._bare(source, nan)
+        self._refuse("spacing", "offset", of=f"bare samples, with --shape and --dtype; {source!r} is no such")
+        return read(source, self.scalars, nan, self.frame)
 
     def _refuse(self, *names: str, of: str) -> None:
         if given := [name for name in names if getattr(self, name) is not None]:
