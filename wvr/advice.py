@@ -13,7 +13,7 @@ from .transfer_function import TransferFunction
 # Opacity of which no pixel of 8 bits shows a trace.
 FAINT = 1 / 255
 # A smaller part of a transfer function than is ever meant: it is for other scalars.
-NARROW = 1 / 12
+NARROW = 1 / 15
 
 
 def advise(scene: Scene, image: Image) -> None:
@@ -33,8 +33,10 @@ def advise(scene: Scene, image: Image) -> None:
             advice = "raise opacities, or make unit_distance smaller"
         _warn(f"nothing is visible (the largest opacity is {most:.2g}): {data}, {opaque}; {advice}")
     elif scene.segmentation is None:
-        first, last = float(scene.functions[0].knots[0]), float(scene.functions[0].knots[-1])
-        if low < high and min(high, last) - max(low, first) < NARROW * (last - first):
+        tf = scene.functions[0]
+        first, last = float(tf.knots[0]), float(tf.knots[-1])
+        varies = bool(np.ptp(tf.opacities) or np.ptp(tf.colors, axis=0).any())
+        if varies and low < high and min(high, last) - max(low, first) < NARROW * (last - first):
             _warn(
                 f"{data}, a small part of the transfer function's, from {first:g} to {last:g}, so that all looks much "
                 f"the same: if it is for others, such as Hounsfield units, pass it domain=({low:g}, {high:g})"
