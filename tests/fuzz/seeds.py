@@ -5,9 +5,11 @@ from __future__ import annotations
 import bz2
 import gzip
 import zlib
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+import pydicom
 import tifffile
 from PIL import Image
 
@@ -64,6 +66,7 @@ def make(folder: Path) -> list[Path]:
     np.savez_compressed(folder / "two.npz", a=FIELD)
     np.savez(folder / "plain.npz", a=FIELD)
     dicom(folder / "a.dcm", FIELD[0], (1, 2, 3))
+    _compressed_dicom(folder)
     _by_packages(folder)
     for name in ("series", "png", "jpeg", "tiff"):
         (folder / name).mkdir()
@@ -73,6 +76,24 @@ def make(folder: Path) -> list[Path]:
         Image.fromarray(page.astype(np.uint8)).save(folder / "jpeg" / f"{k}.jpg")
         tifffile.imwrite(folder / "tiff" / f"{k}.tif", page)
     return sorted(folder.iterdir())
+
+
+def _compressed_dicom(folder: Path) -> None:
+    pixels = FIELD[0].astype(np.uint8)
+    syntaxes = {"JPEG2000": pydicom.uid.JPEG2000Lossless, "JPEG": pydicom.uid.JPEGBaseline8Bit}
+    for name, syntax in syntaxes.items():
+        encoded = BytesIO()
+        Image.fromarray(pixels).save(encoded, name)
+        dicom(folder / f"{name}.dcm", pixels, (1, 2, 3))
+        data = pydicom.dcmread(folder / f"{name}.dcm")
+        data.file_meta.TransferSyntaxUID = syntax
+        data.PixelData = pydicom.encaps.encapsulate([encoded.getvalue()])
+        data["PixelData"].is_undefined_length = True
+        data.save_as(folder / f"{name}.dcm")
+    dicom(folder / "rle.dcm", FIELD[0], (1, 2, 3))
+    data = pydicom.dcmread(folder / "rle.dcm")
+    data.compress(pydicom.uid.RLELossless)
+    data.save_as(folder / "rle.dcm")
 
 
 def _by_packages(folder: Path) -> None:

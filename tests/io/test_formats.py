@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import io
 import zipfile
 
 import numpy as np
@@ -336,4 +337,24 @@ def test_dicom_whose_codec_is_not_there(tmp_path, monkeypatch):
 
     monkeypatch.setattr(JPEGLSLosslessDecoder, "_available", {})
     with pytest.raises(ImportError, match=r"a\.dcm is compressed \(JPEG-LS Lossless.*pip install 'wvr\[dicom\]'"):
+        read(path)
+
+
+def test_dicom_in_jpeg_2000(tmp_path):
+    """Also with a box without a length, at which pydicom would look for ever."""
+    pydicom = pytest.importorskip("pydicom")
+    path, pixels, encoded = tmp_path / "a.dcm", FIELD[0].astype(np.uint8), io.BytesIO()
+    Image.fromarray(pixels).save(encoded, "JPEG2000")
+    dicom(path, pixels, ORIGIN)
+    data = pydicom.dcmread(path)
+    data.file_meta.TransferSyntaxUID = pydicom.uid.JPEG2000Lossless
+    frame = encoded.getvalue()
+    box = frame.index(b"ftyp") - 4
+    for content in (frame, frame[:box] + bytes(4) + frame[box + 4 :]):
+        data.PixelData = pydicom.encaps.encapsulate([content])
+        data["PixelData"].is_undefined_length = True
+        data.save_as(path)
+        if content == frame:
+            check(read(path), pixels[None], spacing=(1.5, 2, 99))
+    with pytest.raises(OSError, match=r"a\.dcm .*a box of its JPEG 2000 is 0 bytes long"):
         read(path)

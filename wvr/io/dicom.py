@@ -19,7 +19,9 @@ NOISE = 1e-4
 # How far a slice may be from where it is expected, in parts of their distance.
 UNEVEN = 0.02
 # Transfer syntaxes without compression of pixels.
-RAW = ("1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2")
+RAW = ("1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.1.99", "1.2.840.10008.1.2.2")
+# Who may unpack compressed pixels, first choice first. GDCM is not among them: damaged files end the process.
+DECODERS = ("pydicom", "pillow", "pylibjpeg")
 # The frame's time is what goes from frame to frame.
 FRAME_TIMES = (0x00181063, 0x00181065)
 
@@ -100,16 +102,35 @@ def _pixels(path: Path, head: Any) -> NDArray:
     # Samples of one bit are eight to a byte.
     if bits != 1 or packing != "raw":
         empty(shape, f"u{max(bits // 8, 1)}", len(head[name].value), packing)
-    try:
-        return head.pixel_array.reshape(shape)
-    except (NotImplementedError, RuntimeError, ImportError) as error:
-        if "missing" not in str(error) and "plugin" not in str(error).lower() and "required" not in str(error):
-            raise
-        compression = getattr(syntax, "name", syntax)
-        raise ImportError(
-            f"{path} is compressed ({compression}), which needs a package that is not there: pip install 'wvr[dicom]' "
-            f"({error})"
-        ) from None
+    if packing != "raw":
+        head.pixel_array_options(decoding_plugin=_decoder(path, syntax))
+        _check_boxes(head.PixelData, shape[0])
+    return head.pixel_array.reshape(shape)
+
+
+def _check_boxes(packed: bytes, frames: int) -> None:
+    """Where frames are JP2 files, their boxes have lengths: pydicom looks for one after the other, without an end."""
+    from pydicom.encaps import generate_frames
+
+    for frame in generate_frames(packed, number_of_frames=frames):
+        at = 12 if frame.startswith(b"\0\0\0\x0cjP  ") else len(frame)
+        while at < len(frame) and frame[at + 4 : at + 8] != b"jp2c":
+            length = int.from_bytes(frame[at : at + 4], "big")
+            if length < 8:
+                raise Flaw(f"a box of its JPEG 2000 is {length} bytes long")
+            at += length
+
+
+def _decoder(path: Path, syntax: Any) -> str:
+    """Who unpacks a transfer syntax."""
+    from pydicom.pixels import get_decoder
+
+    there = get_decoder(syntax).available_plugins
+    if found := next((name for name in DECODERS if name in there), None):
+        return found
+    raise ImportError(
+        f"{path} is compressed ({syntax.name}), which needs a package that is not there: pip install 'wvr[dicom]'"
+    )
 
 
 def _number(value: Any, default: float) -> float:
