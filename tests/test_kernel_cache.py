@@ -59,7 +59,6 @@ def test_damaged_kernels_are_compiled_anew(script, tmp_path):
     assert binary.stat().st_mtime_ns == made  # not compiled again
     whole = binary.read_bytes()
     damages = {
-        "cut": lambda: binary.write_bytes(whole[: len(whole) // 2]),
         "zeros": lambda: binary.write_bytes(whole[:100] + bytes(len(whole) - 100)),
         "meta": lambda: compiled(tmp_path, ".meta").write_text("{"),
         "unsealed": lambda: (binary.write_bytes(b""), compiled(tmp_path, "seal.json").unlink()),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import warnings
 from collections.abc import Iterable
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +19,8 @@ from .bytes import Flaw, corrupt, empty, guess, opened
 NOISE = 1e-4
 # How far a slice may be from where it is expected, in parts of their distance.
 UNEVEN = 0.02
+# How many files below a folder are looked at.
+MOST_FILES = 20_000
 # Transfer syntaxes without compression of pixels.
 RAW = ("1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.1.99", "1.2.840.10008.1.2.2")
 # Who may unpack compressed pixels, first choice first. GDCM is not among them: damaged files end the process.
@@ -35,9 +38,9 @@ def read_dicom_folder(path: Path) -> Grid:
     return _grid(path, [one for file in files for one in _slices(file)])
 
 
-def dicom_files(folder: Path) -> list[Path]:
-    """Those in a folder or, where it has none, in the folders below it; a directory of them is none."""
-    for files in (folder.iterdir(), folder.rglob("*")):
+def dicom_files(folder: Path, below: bool = True) -> list[Path]:
+    """Those in a folder or, where it has none, in the folders ``below`` it; a directory of them is none."""
+    for files in (folder.iterdir(), islice(folder.rglob("*"), MOST_FILES) if below else ()):
         if found := [file for file in sorted(files) if file.name != "DICOMDIR" and is_dicom(file)]:
             return found
     return []

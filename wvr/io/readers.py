@@ -242,8 +242,9 @@ def _reader(path: Path) -> Format:
 def _read_folder(path: Path, scalars: str | None) -> Grid:
     if scalars is not None:
         raise _unnamed(path, scalars)
-    images, dicom = slice_files(path), dicom_files(path)
-    if images and dicom and dicom[0].parent == path:
+    images = slice_files(path)
+    dicom = dicom_files(path, below=not images)
+    if images and dicom:
         raise Unsupported(f"{path} holds {len(images)} images and {len(dicom)} DICOM files; keep one kind")
     if not images and not dicom:
         raise FileNotFoundError(errno.ENOENT, "no TIFF, PNG, JPEG, BMP or DICOM images in the folder", str(path))
