@@ -39,6 +39,8 @@ def stack(path: Path) -> tuple[NDArray, list[float]]:
         packing = "raw" if all(page.compression == 1 for page in pages) else "image"
         for page in pages:
             empty(page.shape, page.dtype, sum(page.databytecounts), packing)
+        if 0 in shape:
+            raise Flaw(f"its images have no samples: {shape}")
         if len(series) > 1:
             raise Unsupported(f"it holds {len(series)} images of different size or type, a volume is one: split it")
         extra = [n for n, axis in zip(shape, axes, strict=True) if axis not in "TZYX"]
