@@ -2,13 +2,16 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test lint bench studies docs clean
+.PHONY: demo test fuzz lint bench studies docs clean
 
 demo: .venv/ready
 	$(BIN)/python -m studies.demo
 
 test: .venv/ready
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
+
+fuzz: .venv/ready
+	$(BIN)/python -m tests.fuzz --minutes $(or $(MINUTES),10)
 
 lint: .venv/ready
 	$(BIN)/ruff check .

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import shutil
 import time
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -49,6 +51,10 @@ ROOT = Path(__file__).parents[1]
 RECORDED = ROOT / "docs/results"
 SOURCES = ("wvr", "kernels", "studies", "benchmarks")
 RECORD = "part.json"
+# What every record has.
+KEYS = {"quick", "command", "machine", "seconds", "files"}
+
+log = logging.getLogger("wvr")
 
 
 def find(names: Iterable[str] = NAMES) -> list[Study]:
@@ -83,7 +89,17 @@ def run(studies: Sequence[Study], out: Path, quick: bool = False, resume: bool =
     -------
     list of str
         The parts that failed, with the reason.
+
+    Raises
+    ------
+    OSError
+        Where another run writes into the folder.
     """
+    with _alone(out):
+        return _run_alone(studies, out, quick, resume)
+
+
+def _run_alone(studies: Sequence[Study], out: Path, quick: bool, resume: bool) -> list[str]:
     facts = machine()
     identity = _identity(facts, quick)
     todo = [(study, part) for study in studies for part in study.parts.values()]
@@ -107,7 +123,7 @@ def run(studies: Sequence[Study], out: Path, quick: bool = False, resume: bool =
             for (study, part), seconds in zip(todo, expected, strict=True):
                 progress.update(task, description=f"{study.name}: {part.title}")
                 folder = out / study.name / part.name
-                if not (resume and _read(folder).get("identity") == identity):
+                if not (resume and _done(folder, identity)):
                     record = {"quick": quick, "command": _command(study, quick), "machine": facts}
                     if error := _run(part, folder, quick, record, identity):
                         failed.append(f"{study.name}, {part.title}: {error}")
@@ -161,8 +177,42 @@ def _run(part: Part, folder: Path, quick: bool, record: dict[str, Any], identity
 
 
 def _read(folder: Path) -> dict[str, Any]:
+    """The record of a part; empty where there is none, or one that is damaged and counts as none."""
     path = folder / RECORD
-    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        log.warning("%s is damaged, its part counts as not done: %s", path, error)
+        return {}
+    if not isinstance(found, dict) or not found.keys() >= KEYS:
+        log.warning("%s is damaged, its part counts as not done: no record with %s", path, ", ".join(sorted(KEYS)))
+        return {}
+    return found
+
+
+@contextmanager
+def _alone(out: Path) -> Iterator[None]:
+    """No other run writes into the same folder, where the system knows locks; a killed one lets go of its."""
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with (out / ".lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OSError(f"{out} is in use by another run: wait for its end, or give another folder") from None
+        yield
+
+
+def _done(folder: Path, identity: str) -> bool:
+    """Whether a part was finished by the same code, and all that it made is there."""
+    found = _read(folder)
+    return found.get("identity") == identity and all((folder / name).exists() for name in found["files"])
 
 
 def _seconds(folder: Path) -> float | None:

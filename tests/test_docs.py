@@ -1,5 +1,6 @@
 """The pages are true as far as a machine can tell: code runs, links lead somewhere, every public name is documented."""
 
+import dataclasses
 import doctest
 import inspect
 import re
@@ -112,5 +113,11 @@ def test_examples_in_docstrings_run():
 def test_every_option_of_the_command_line_has_help():
     for command in (cli.render, cli.info, cli.study):
         text = inspect.getdoc(command) or ""
-        for name in inspect.signature(command).parameters:
-            assert re.search(rf"^{name}$", text, re.M), f"{command.__name__}: {name}"
+        for name, parameter in inspect.signature(command).parameters.items():
+            group = type(parameter.default)
+            if dataclasses.is_dataclass(group):  # of options that several commands have
+                names, described = [field.name for field in dataclasses.fields(group)], inspect.getdoc(group) or ""
+            else:
+                names, described = [name], text
+            for one in names:
+                assert re.search(rf"^{one}$", described, re.M), f"{command.__name__}: {one}"

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -132,3 +133,60 @@ def test_known_suffix():
     assert known_suffix(Path("a.b.PNG"), (".png", ".exr")) == ".png"
     with pytest.raises(ValueError, match=r"^--output must end in \.png, \.exr, got 'a'$"):
         known_suffix(Path("a"), (".png", ".exr"), "--output")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="modes and links are those of POSIX")
+def test_modes_and_links_are_kept(tmp_path):
+    (tmp_path / "real").mkdir()
+    target, link = tmp_path / "real" / "a.png", tmp_path / "b.png"
+    target.write_bytes(b"old")
+    target.chmod(0o600)
+    link.symlink_to(target)
+    IMAGE.save(link)
+    assert link.is_symlink() and target.read_bytes().startswith(MAGIC[".png"])
+    assert target.stat().st_mode & 0o777 == 0o600
+    dangling = tmp_path / "c.png"
+    dangling.symlink_to(tmp_path / "real" / "new.png")
+    IMAGE.save(dangling)
+    assert dangling.is_symlink() and (tmp_path / "real" / "new.png").exists()
+    assert sorted(os.listdir(tmp_path / "real")) == ["a.png", "new.png"]
+
+
+def test_only_files_are_replaced(tmp_path):
+    (tmp_path / "a.png").mkdir()
+    with pytest.raises(OSError, match="which is no regular file"):
+        IMAGE.save(tmp_path / "a.png")
+    with pytest.raises(OSError, match="which is no regular file"):
+        write_text(Path(os.devnull), "text")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs fork and locks")
+def test_what_a_killed_process_left_is_taken_away(tmp_path):
+    """But not what another is writing, or what is of another name."""
+    path, other = tmp_path / ("a" * 200), tmp_path / "other"
+    child = os.fork()
+    if not child:
+        with whole_file(path) as file:
+            file.write(b"half")
+            file.flush()
+            os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(child, 0)
+    assert len(os.listdir(tmp_path)) == 1
+    with whole_file(other) as file:
+        file.write(b"other")
+        assert len(os.listdir(tmp_path)) == 2
+        with whole_file(path) as first:
+            assert len(os.listdir(tmp_path)) == 2
+            write_text(path, "second")
+            first.write(b"first")
+    assert sorted(os.listdir(tmp_path)) == [path.name, "other"]
+    assert path.read_bytes() == b"first"
+
+
+@pytest.mark.parametrize("background", [None, "white", (0.2, 0.3, 2.0)])
+def test_strips_are_those_of_the_whole(monkeypatch, background):
+    rng = np.random.default_rng(0)
+    image = wvr.Image(rng.random((37, 23, 4)), np.zeros((37, 23), np.int32))
+    whole = image.to_uint8(background)
+    monkeypatch.setattr("wvr.image.STRIP", 50)
+    np.testing.assert_array_equal(image.to_uint8(background), whole)

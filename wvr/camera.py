@@ -170,6 +170,8 @@ class Camera:
             raise ValueError(f"up must not be zero, got {up!r}")
         if abs(_unit(upward) @ towards) > 0.999:
             up = (-upward[2], upward[0], upward[1])
+        if not isinstance(volume, Field):
+            raise TypeError(f"volume must be a Volume, got {type(volume).__name__}")
         narrowness = min(positive(aspect, "aspect"), 1.0)
         center = volume.corners.mean(axis=0)
         radius = float(np.linalg.norm(volume.corners - center, axis=1).max())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from time import perf_counter
@@ -27,6 +26,7 @@ from .kernels.raycast import make_raycast
 from .kernels.scene import Halves
 from .launch import launch, launch_pixels
 from .light.sweep import AHEAD, Sweeping, shade
+from .memory import free_memory
 from .scene import Scene
 from .transfer.function import struct_of
 
@@ -191,15 +191,11 @@ class Frame:
         return trace
 
     def _check_memory(self) -> None:
-        scene, device = self.scene, self.device
-        volumes = {scene.volume, *(clip.volume for clip in scene.clips if hasattr(clip, "volume"))}
-        needed = sum(one.nbytes for one in volumes) * (not device.is_cpu) + self.width * self.height * 64
-        if scene.segmentation is not None:
-            needed += scene.segmentation.labels.nbytes
+        scene, device, pixels = self.scene, self.device, self.width * self.height
+        needed = sum(volume.missing_on(device) for volume in set(self.scene.volumes())) + pixels * 64
         if scene.shadows is not None:
-            needed += AHEAD + self.width * self.height * 64
-        free = device.free_memory if device.is_cuda else _free_host_memory()
-        if needed > free:
+            needed += AHEAD + pixels * 64
+        if needed > (free := free_memory(device)):
             raise MemoryError(
                 f"data and image need {needed / 2**30:.1f} GiB on {device.alias}, which has {free / 2**30:.1f} GiB "
                 f"free: take a smaller size than {self.width} x {self.height}, or a smaller volume"
@@ -243,10 +239,3 @@ def view(volume: Field, camera: Camera, width: int, height: int) -> Any:
     inverse = np.abs(to_index)
     result.astray = ASTRAY * float((inverse @ np.abs(volume.index_to_world[:3, :3]) @ inverse @ sizes).max())
     return result
-
-
-def _free_host_memory() -> float:
-    try:
-        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):
-        return float("inf")

@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 from .color import linear_rgb, linear_to_srgb
 from .files import known_suffix, whole_file
 
+# Pixels that are converted at a time.
+STRIP = 1 << 18
+
 
 class Image:
     """What a render returns. ``numpy.asarray(image)`` is its ``rgba``; notebooks show it.
@@ -46,6 +49,9 @@ class Image:
         background: str | Sequence[float] | None = None,
         tracer: Callable[[int, int], NDArray[np.void]] | None = None,
     ):
+        for name, given in (("rgba", rgba), ("samples", samples), ("error_bound", error_bound)):
+            if not isinstance(given, np.ndarray) and not (given is None and name == "error_bound"):
+                raise TypeError(f"{name} must be a NumPy array, got {type(given).__name__}")
         if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.dtype not in (np.float32, np.float64):
             raise ValueError(f"rgba must be float32 or float64 (height, width, 4), got {rgba.dtype} {rgba.shape}")
         for name, array in (("samples", samples), ("error_bound", error_bound)):
@@ -126,11 +132,18 @@ class Image:
             premultiplied and whose alpha is linear.
         """
         background = self.background if background is None else background
-        if background is not None and background != "transparent":
-            return _quantised(linear_to_srgb(self.composited(background)))
-        color, alpha = self.rgba[..., :3].astype(np.float64), self.rgba[..., 3:].astype(np.float64)
-        straight = np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0)
-        return _quantised(np.concatenate([linear_to_srgb(straight), alpha], axis=-1))
+        if background is None or (isinstance(background, str) and background == "transparent"):
+            behind = None
+        else:
+            behind = linear_rgb(background, "background")
+        height, width = self.rgba.shape[:2]
+        pixels = np.empty((height, width, 4 if behind is None else 3), np.uint8)
+        # In strips: what is on the way is many times as large as what comes of it.
+        rows = max(STRIP // width, 1)
+        for start in range(0, height, rows):
+            strip = self.rgba[start : start + rows].astype(np.float64)
+            pixels[start : start + rows] = _straight(strip) if behind is None else _in_front(strip, behind)
+        return pixels
 
     def save(self, path: str | os.PathLike[str], background: str | Sequence[float] | None = None) -> None:
         """Write the image; the file appears whole or not at all.
@@ -179,6 +192,18 @@ class Image:
         if "seconds" in self.stats:
             parts.append(f"{self.stats['seconds']:.3g} s")
         return f"Image({', '.join(parts)})"
+
+
+def _straight(rgba: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """sRGB that is not premultiplied, and linear opacity."""
+    color, alpha = rgba[..., :3], rgba[..., 3:]
+    straight = np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0)
+    return _quantised(np.concatenate([linear_to_srgb(straight), alpha], axis=-1))
+
+
+def _in_front(rgba: NDArray[np.float64], behind: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """sRGB in front of a background."""
+    return _quantised(linear_to_srgb(rgba[..., :3] + (1.0 - rgba[..., 3:]) * behind))
 
 
 def _quantised(encoded: NDArray[np.float64]) -> NDArray[np.uint8]:

@@ -44,12 +44,10 @@ def from_pyvista(image_data: pv.ImageData, scalars: str | None = None, nan: NanP
         raise components_error(f"array {scalars!r}" if scalars else "the active array", values.shape[1])
     points = np.array(image.dimensions)
     size = np.maximum(points - 1, 1) if on_cells else points
-    spacing = np.array(image.spacing)
     matrix = image.GetDirectionMatrix()
     direction = np.array([[matrix.GetElement(i, j) for j in range(3)] for i in range(3)])
-    # VTK's origin is that of index (0, 0, 0), which need not be a point of the grid.
-    first = np.array(image.GetExtent()[::2]) + np.where(points > 1, 0.5, 0.0) * on_cells
-    origin = np.array(image.origin) + direction @ (spacing * first)
+    spacing = np.array(image.spacing)
+    origin, _ = vtk_place(np.array(image.GetExtent()), spacing, np.array(image.origin), direction, on_cells)
     array = narrowed(np.asarray(values).reshape(size[::-1]))
     # VTK allows a negative spacing, which is a reversed axis.
     return Volume(array, np.abs(spacing), origin, direction * np.where(spacing < 0, -1, 1), nan)
@@ -86,13 +84,26 @@ RESAMPLE = (
 )
 
 
-def _pick_array(image: pv.ImageData, scalars: str | None) -> tuple[NDArray, bool]:
-    """The array to render and whether it is on cells."""
-    names = list(image.point_data.keys()) + list(image.cell_data.keys())
+def vtk_place(
+    extent: NDArray[np.int64],
+    spacing: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    direction: NDArray[np.float64],
+    on_cells: bool,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where the first sample of VTK's grid is, and the steps along its axes as columns."""
+    # VTK's origin is that of index (0, 0, 0), which need not be a point of the grid.
+    first = extent[::2] + np.where(extent[1::2] > extent[::2], 0.5, 0.0) * on_cells
+    return origin + direction @ (spacing * first), direction * spacing
+
+
+def array_to_render(
+    on_points: list[str], on_cells: list[str], active: tuple[str | None, str | None], scalars: str | None
+) -> tuple[str, bool]:
+    """The name of the array to render and whether it is on cells; ``active`` are those of points and cells."""
+    names = on_points + on_cells
     if scalars is None:
-        scalars = image.point_data.active_scalars_name or image.cell_data.active_scalars_name
-        if scalars is None and len(names) == 1:
-            scalars = names[0]
+        scalars = active[0] or active[1] or (names[0] if len(names) == 1 else None)
     if not names:
         raise ValueError("image_data has no point or cell array to render")
     if scalars not in names:
@@ -100,5 +111,12 @@ def _pick_array(image: pv.ImageData, scalars: str | None) -> tuple[NDArray, bool
             "scalars must name the array, none is active" if scalars is None else f"scalars={scalars!r} is unknown"
         )
         raise ValueError(f"{problem}; there are {', '.join(map(repr, names))}")
-    on_cells = scalars not in image.point_data
-    return (image.cell_data if on_cells else image.point_data)[scalars], on_cells
+    return scalars, scalars not in on_points
+
+
+def _pick_array(image: pv.ImageData, scalars: str | None) -> tuple[NDArray, bool]:
+    """The array to render and whether it is on cells."""
+    points, cells = image.point_data, image.cell_data
+    active = points.active_scalars_name, cells.active_scalars_name
+    name, on_cells = array_to_render(list(points.keys()), list(cells.keys()), active, scalars)
+    return (cells if on_cells else points)[name], on_cells

@@ -7,7 +7,6 @@ do not depend on how.
 
 from __future__ import annotations
 
-import logging
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +14,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
-from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 from weakref import WeakSet
@@ -23,9 +21,8 @@ from weakref import WeakSet
 import numpy as np
 import warp as wp
 
+from . import kernel_cache
 from .kernels.ray import TILE, tiles
-
-log = logging.getLogger("wvr")
 
 # More strips than threads, so that strips of uneven cost balance.
 STRIPS_PER_THREAD = 16
@@ -86,8 +83,7 @@ def get_device(device: Any = None) -> wp.Device:
     ValueError
         For a device that is not there.
     """
-    with wp.ScopedLogLevel(wp.LOG_WARNING):
-        wp.init()
+    kernel_cache.start()
     if device is None:
         return wp.get_device("cuda:0" if wp.is_cuda_available() else "cpu")
     try:
@@ -274,6 +270,7 @@ class Lock:
 _cancel: ContextVar[Any] = ContextVar("wvr_cancel", default=None)
 _locks: WeakSet[Lock] = WeakSet()
 _own = threading.local()
+_loading = Lock()
 
 
 def _check_cancelled() -> None:
@@ -355,10 +352,8 @@ if hasattr(os, "register_at_fork"):
 
 @cache
 def _load(kernel: wp.Kernel, alias: str) -> None:
-    """Load the kernel's module, saying so where that means compiling."""
+    """Load the kernel's module, one thread at a time."""
     device = wp.get_device(alias)
     block_dim = 1 if device.is_cpu else kernel.module.options["block_dim"]
-    with wp.ScopedLogLevel(wp.LOG_WARNING):
-        if not (Path(wp.config.kernel_cache_dir) / kernel.module.get_module_identifier(block_dim)).is_dir():
-            log.info("compiling the kernel %s for %s (once; a few seconds)", kernel.key.rpartition("__")[2], alias)
-        kernel.module.load(device, block_dim)
+    with _loading.held():
+        kernel_cache.load(kernel, device, block_dim)

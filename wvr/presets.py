@@ -94,9 +94,13 @@ def suggest(volume: Volume) -> dict[str, TransferFunction]:
 
     Raises
     ------
+    TypeError
+        For anything but a volume.
     ValueError
         For a volume with fewer than two different finite samples.
     """
+    if not isinstance(volume, Volume):
+        raise TypeError(f"volume must be a Volume, got {type(volume).__name__}")
     strides, samples, finite, span = _look(volume)
     counts, edges = np.histogram(finite, BINS, span)
     sign = 1

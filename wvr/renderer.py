@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from threading import Event
 from typing import Any
 
+from .advice import advise
 from .camera import Camera, image_size
 from .cuts.base import Clip, clip_list
 from .cuts.labels import Segmentation
@@ -149,9 +150,11 @@ class Renderer:
         device = get_device(self.device)
         keep = self._keepers.setdefault(device.alias, Keeper(device))
         try:
-            return Frame(scene, camera, size, keep).render()
+            image = Frame(scene, camera, size, keep).render()
         finally:
             keep.end_of_frame()
+        advise(scene, image)
+        return image
 
 
 def render(
@@ -235,6 +238,11 @@ def render(
         Where ``cancel`` is set before the image is done.
     MemoryError
         Where volume and image cannot fit the device's memory.
+
+    Warns
+    -----
+    UserWarning
+        Where nothing is visible, or the scalars are a small part of the transfer function's: with the ranges of both.
     """
     renderer = Renderer(
         volume,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -10,15 +11,23 @@ from numpy.typing import NDArray
 DTYPES = ("uint8", "int8", "uint16", "int16", "float16", "float32", "float64")
 
 NanPolicy = Literal["error", "transparent"]
+Anatomy = Literal["", "RAS", "LPS"]
+
+
+class Unsupported(ValueError):  # noqa: N818 - of a file
+    """A file is sound, and no volume."""
 
 
 class Grid(NamedTuple):
-    """What a file holds: ``array[z, y, x]``, the world steps along x, y, z as columns, the first sample's position."""
+    """What a file holds: ``array[z, y, x]``, or ``[time, z, y, x]``, the world steps along x, y, z as columns, the
+    first sample's position, which way a patient's world goes, and the files that were read.
+    """
 
     array: NDArray
     steps: NDArray[np.float64]
     origin: NDArray[np.float64]
-    anatomical: bool = False
+    anatomical: Anatomy = ""
+    files: tuple[Path, ...] = ()
 
 
 def narrowed(array: NDArray) -> NDArray:
@@ -30,7 +39,7 @@ def narrowed(array: NDArray) -> NDArray:
         if np.iinfo(name).min <= lo and hi <= np.iinfo(name).max:
             return array.astype(name)
     if max(-lo, hi) > 2**53:
-        raise ValueError(f"samples of {array.dtype} from {lo} to {hi} fit no accepted dtype exactly; scale them first")
+        raise Unsupported(f"samples of {array.dtype} from {lo} to {hi} fit no accepted dtype exactly; scale them first")
     return array.astype(np.float64)
 
 
@@ -38,15 +47,22 @@ def rescaled(array: NDArray, slope: float, intercept: float) -> NDArray:
     """``slope * array + intercept``: exact integers for whole numbers, else float32, or float64 for wide samples."""
     if (slope, intercept) == (1, 0):
         return array
-    if array.dtype.kind in "iu" and float(slope).is_integer() and float(intercept).is_integer():
-        return array.astype(np.int64) * int(slope) + int(intercept)
-    wide = array.dtype.itemsize > (4 if array.dtype.kind == "f" else 2)
-    return (array * np.float64(slope) + intercept).astype(np.float64 if wide else np.float32)
+    ends = [int(array.min()), int(array.max())] if array.dtype.kind in "iu" else []
+    if ends and float(slope).is_integer() and float(intercept).is_integer():
+        lo, hi = sorted(int(slope) * end + int(intercept) for end in ends)
+        if lo < -(2**63) or hi >= 2**63:
+            raise Unsupported(f"samples from {lo} to {hi} fit no accepted dtype exactly; scale them first")
+        # On the way numbers may wrap, and back.
+        return (array.astype(np.int64).view(np.uint64) * np.uint64(int(slope) % 2**64)).view(np.int64) + int(intercept)
+    values = array * np.float64(slope) + intercept
+    largest = max((abs(slope * end + intercept) for end in ends), default=0.0)
+    wide = array.dtype.itemsize > (4 if array.dtype.kind == "f" else 2) or largest > np.finfo(np.float32).max
+    return values.astype(np.float64 if wide else np.float32)
 
 
-def components_error(what: str, count: int) -> ValueError:
+def components_error(what: str, count: int) -> Unsupported:
     """What to raise where ``what`` has ``count`` components a sample."""
-    return ValueError(
+    return Unsupported(
         f"{what} has {count} components a sample, a volume has one: load the data with another tool, pick a component "
         f"(array[..., 0]) or combine them (e.g. their norm) and pass the result to wvr.Volume"
     )

@@ -27,6 +27,9 @@ from .volume import Volume
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
+# Directions of a cone at most, for each of which there is a ray from every sample.
+MOST = 2**16
+
 
 def single_scattering(
     volume: Volume,
@@ -131,8 +134,8 @@ def cone(spread: float, directions: int) -> NDArray[np.float64]:
     """Unit vectors about z, evenly over the solid angle of a cone of half-angle ``spread`` [degrees]: (n, 3)."""
     if not isinstance(spread, int | float | np.number) or not 0 <= spread < 90:
         raise ValueError(f"spread must be an angle in [0, 90) degrees, got {spread!r}")
-    if isinstance(directions, bool) or not isinstance(directions, int | np.integer) or directions < 1:
-        raise ValueError(f"directions must be an integer >= 1, got {directions!r}")
+    if isinstance(directions, bool) or not isinstance(directions, int | np.integer) or not 1 <= directions <= MOST:
+        raise ValueError(f"directions must be an integer from 1 to {MOST}, got {directions!r}")
     if spread == 0:
         directions = 1
     k = np.arange(directions)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from .field.samples import Data, samples_struct
 from .keep import Keeper
 from .kernels.field.grid import Grid
 from .launch import get_device
-from .samples import DTYPES, NanPolicy
+from .samples import DTYPES, Anatomy, NanPolicy
 from .validation import choice, finite_vector
 
 if TYPE_CHECKING:
@@ -68,8 +69,11 @@ class Volume(Field):
 
     #: How often samples changed.
     version: int
-    #: Whether world x, y, z are a patient's axes (z towards the head), as DICOM, NIfTI and some NRRD files say.
-    anatomical: bool = False
+    #: Where the world's x, y, z go in a patient, as DICOM, NIfTI and some other files say: ``"RAS"`` to the right,
+    #: front and head, ``"LPS"`` to the left, back and head; else empty.
+    anatomical: Anatomy = ""
+    #: Files that the samples were read from.
+    files: tuple[Path, ...] = ()
 
     def __init__(
         self,
@@ -243,6 +247,9 @@ class Volume(Field):
     @property
     def nbytes(self) -> int:  # type: ignore[override]
         return self.host().nbytes
+
+    def missing_on(self, device: wp.Device) -> int:
+        return 0 if device.is_cpu or device.alias in self._device_arrays else self.nbytes
 
     def part(self) -> Data:
         """The samples as a part that renderers keep."""

@@ -10,6 +10,7 @@ from threading import Timer
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image as PillowImage
 
 import wvr
@@ -203,7 +204,7 @@ def test_files_and_their_options(run, rendered):
 def test_a_file_comes_before_a_dataset_of_its_name(run, rendered):
     Path("tree").mkdir()
     code, _, err = run("render", "tree")
-    assert code == 1 and "no TIFF or DICOM" in err
+    assert code == 1 and "or DICOM images in the folder" in err
 
 
 def test_the_background_is_in_png_files(run, rendered):
@@ -418,3 +419,25 @@ def test_up_is_y_unless_the_file_says_where_the_head_is(run, rendered, tmp_path)
     for file, up in (("plain.npy", (0, 1, 0)), ("head.nrrd", (0, 0, 1))):
         assert run("render", file)[0] == 0
         np.testing.assert_array_equal(rendered["camera"].up, up)
+
+
+def test_nothing_that_was_read_is_written_to(run):
+    """Nor slices of a folder, nor the samples of a header."""
+    array = np.arange(60, dtype=np.uint16).reshape(4, 3, 5)
+    Path("slices").mkdir()
+    for k, page in enumerate(array):
+        tifffile.imwrite(f"slices/{k}.tif", page)
+    Path("link.tif").symlink_to("slices/2.tif")
+    before = {path: path.read_bytes() for path in Path("slices").iterdir()}
+    for output in ("slices/2.tif", "link.tif"):
+        code, _, err = run("render", "slices", "-o", output)
+        assert code == 2 and "--output must not be the volume itself" in err
+    assert {path: path.read_bytes() for path in Path("slices").iterdir()} == before
+
+
+def test_warnings_are_lines_of_their_own(run):
+    np.save("dark.npy", np.arange(64, dtype=np.uint8).reshape(4, 4, 4))
+    code, _, err = run(
+        "render", "dark.npy", "--tf", "500:red:0,600:red:1", "--size", "4x4", "--integrator", "riemann:1"
+    )
+    assert code == 0 and "wvr: nothing is visible" in err and "from 0 to 63" in err and "from 500 to inf" in err

@@ -82,3 +82,29 @@ def test_info_of_a_constant_volume_and_of_one_without_finite_samples(run):
     code, out, _ = run("info", "a.npy", "--histogram")
     assert code == 0 and "range" not in lines(out) and lines(out)["not finite"] == "27 of 27 samples"
     assert run("info", "a.npy", "--save-tf", "bands", "b.json")[0] == 2
+
+
+def test_bare_samples_and_times(run, tmp_path):
+    times = np.arange(2 * 3 * 4 * 5, dtype=">u2").reshape(2, 3, 4, 5)
+    times[1].tofile("a.raw")
+    code, out, _ = run("info", "a.raw", "--shape", "3,4,5", "--dtype", ">u2", "--spacing", "1,2,3")
+    assert code == 0 and "5 x 4 x 3" in out and "60 .. 119" in out and "1, 2, 3" in out
+    np.save("times.npy", times.astype(np.int32))
+    code, out, _ = run("info", "times.npy", "--frame", "0")
+    assert code == 0 and "0 .. 59" in out
+    np.save("nan.npy", np.full((2, 2, 2), np.nan))
+    np.savez("two.npz", a=times[0], b=times[1])
+    for arguments, message in {
+        "info times.npy": "times.npy holds 2 volumes (time): pick one with --frame, from 0 to 1",
+        "info a.raw": "a.raw has an unknown extension",
+        "info a.raw --shape 3,4,5": "--shape and --dtype are for bare samples, and go together",
+        "info a.raw --shape 3,4,5 --dtype no": "--dtype must be a type of numbers",
+        "info a.raw --shape 3,4,0 --dtype u2": "--shape must be three integers > 0, NZ,NY,NX, got '3,4,0'",
+        "info a.raw --shape 3,4,5 --dtype u1": "a.raw has 120 bytes",
+        "info times.npy --offset 4": "--offset is for bare samples",
+        "info tree --frame 0": "--frame is for files, 'tree' is a dataset",
+        "info two.npz": "--scalars must name one of 'a', 'b'",
+        "render nan.npy": "pass --nan transparent",
+    }.items():
+        code, out, err = run(*arguments.split())
+        assert code in (1, 2) and message in err, err

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import http.server
 import threading
+import time
 
 import numpy as np
 import pooch
@@ -224,7 +226,7 @@ def test_download_once(server, tmp_path):
         (CONTENT[:-2], 0, "46 bytes came, 48 are expected"),
         (CONTENT + b"!", 0, "49 bytes came, 48 are expected"),
         (CONTENT[:-1] + b"!", 0, "(?i)hash"),
-        (CONTENT[:20], 28, "(?i)incomplete|broken"),
+        (CONTENT[:20], 28, "(?i)incomplete|broken|20 bytes came"),
     ],
     ids=["404", "short", "long", "sum", "cut"],
 )
@@ -248,6 +250,31 @@ def test_unverified_checksum_says_so(server, monkeypatch, body, seen):
     server.body = body[:-1]
     with pytest.raises(OSError, match="47 bytes came"):
         datasets.fetch("tiny", cache=server.cache / "other")
+
+
+def test_endless_and_slow_downloads_end(server, monkeypatch):
+    """Neither is more written than the file has, nor waited for ever, whatever the server sends."""
+
+    def endless(self):
+        self.send_response(200)
+        self.end_headers()
+        with contextlib.suppress(OSError):
+            while not server.closing:
+                self.wfile.write(server.body)
+                self.wfile.flush()
+                time.sleep(server.pause)
+
+    server.closing, server.pause = False, 0.0
+    monkeypatch.setattr(Handler, "do_GET", endless)
+    server.body = bytes(1000)
+    with pytest.raises(OSError, match=r"\d+ bytes came, 48 are expected"):
+        datasets.fetch("tiny")
+    server.body, server.pause = b"a", 0.1
+    monkeypatch.setattr(downloads, "PATIENCE", 0.5)
+    with pytest.raises(OSError, match=r"[1-9] of 48 bytes came in \d s"):
+        datasets.fetch("tiny")
+    server.closing = True
+    assert cached(server) == []
 
 
 def test_refused_connection(server, monkeypatch):
@@ -289,14 +316,11 @@ def test_progress_bar_waits_and_needs_a_terminal(monkeypatch, capsys):
     def run(terminal):
         monkeypatch.setattr(downloads.sys.stderr, "isatty", lambda: terminal, raising=False)
         clock[0] = 0.0
-        progress = downloads._Progress("tiny")
-        progress.total = 100
+        progress = downloads._Progress("tiny", 100)
         shown = []
         for clock[0] in (1.0, 1.9, 2.1):
             progress.update(30)
             shown.append(progress.bar is not None)
-        progress.reset()
-        progress.update(100)
         progress.close()
         return shown
 

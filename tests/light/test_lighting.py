@@ -342,7 +342,7 @@ def test_renderer_rebuilds_nothing_for_a_light(blobs, smooth_tf):
         (lambda: wvr.Lighting(ambient=-0.1), "ambient must be a finite number >= 0"),
         (lambda: wvr.Lighting(diffuse=float("nan")), "diffuse must be a finite number >= 0"),
         (lambda: wvr.Lighting(shininess=0), "shininess must be finite and > 0"),
-        (lambda: wvr.Lighting(supersample=0), "supersample must be an integer >= 1"),
+        (lambda: wvr.Lighting(supersample=0), "supersample must be an integer from 1 to 4096"),
         (lambda: wvr.Lighting(light="sun"), "light must be a Headlight or DirectionalLight"),
         (lambda: wvr.DirectionalLight((0, 0, 0)), "direction must not be zero"),
         (lambda: wvr.DirectionalLight((0, 0)), "direction must be three finite numbers"),

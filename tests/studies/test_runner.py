@@ -1,5 +1,8 @@
 """The runner keeps what is done and says what failed, and the report needs nothing else."""
 
+import os
+import signal
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -65,6 +68,57 @@ def test_an_interrupted_run_keeps_what_is_done(tmp_path, study, monkeypatch):
         runner.run([study], tmp_path)
     page = (tmp_path / "report.html").read_text()
     assert "One is one." in page and "Not run." in page
+
+
+@pytest.mark.parametrize("damage", ["", "{", "[]", "{}", '{"identity": 1}', "\0\0"])
+def test_damaged_records_count_as_none(tmp_path, study, monkeypatch, caplog, damage):
+    monkeypatch.setattr(runner, "find", lambda: [study])
+    study.runs.append("other")
+    assert runner.run([study], tmp_path) == []
+    record = tmp_path / "made-up" / "table" / "part.json"
+    record.write_text(damage)
+    assert runner.run([study], tmp_path, resume=True) == []
+    assert study.runs == ["other", "table", "other", "table"]
+    assert str(record) in caplog.text and "is damaged" in caplog.text
+    (record.parent / "table.csv").unlink()
+    assert runner.run([study], tmp_path, resume=True) == []
+    assert study.runs == ["other", "table", "other", "table", "table"] and (record.parent / "table.csv").exists()
+
+
+def test_two_runs_do_not_share_a_folder(tmp_path, study, monkeypatch):
+    monkeypatch.setattr(runner, "find", lambda: [study])
+
+    def nested(folder: Path, quick: bool) -> str:
+        with pytest.raises(OSError, match=f"{tmp_path} is in use by another run"):
+            runner.run([study], tmp_path)
+        return "Refused."
+
+    study.runs.append("other")
+    study.part("Table 3")(nested)
+    assert runner.run([study], tmp_path) == []
+    assert study.runs == ["other", "table", "other"]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_killed_run_is_resumed(tmp_path, study, monkeypatch):
+    """Killed in the middle of a part, of which nothing is kept; what was done before is."""
+    monkeypatch.setattr(runner, "find", lambda: [study])
+    child = os.fork()
+    study.runs.append("other")
+    if not child:
+
+        def killed(folder: Path, quick: bool) -> str:
+            (folder / "half.csv").write_text("x")
+            os.kill(os.getpid(), signal.SIGKILL)
+            return ""
+
+        study.parts["other"] = replace(study.parts["other"], work=killed)
+        runner.run([study], tmp_path)
+    assert os.waitpid(child, 0)[1] == signal.SIGKILL
+    assert runner.run([study], tmp_path, resume=True) == []
+    assert study.runs == ["other", "other"]
+    assert sorted(path.name for path in (tmp_path / "made-up").iterdir()) == ["other", "table"]
+    assert not (tmp_path / "made-up" / "other" / "half.csv").exists()
 
 
 def test_whole_results_are_recorded(tmp_path, study, monkeypatch):

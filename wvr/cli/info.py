@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
-from .options import Size
-from .source import load
+from .source import Reading
 from .stages import Stages
 
 if TYPE_CHECKING:
@@ -26,8 +25,7 @@ def info(
     *,
     histogram: Annotated[bool, Parameter(negative="")] = False,
     save_tf: tuple[str, Path] | None = None,
-    scalars: str | None = None,
-    dataset_size: Size | None = None,
+    reading: Reading = Reading(),  # noqa: B008 - frozen
 ) -> None:
     """Describe a volume and suggest transfer functions for it.
 
@@ -39,15 +37,11 @@ def info(
         Draw the histogram; bars are as long as the logarithm of the count.
     save_tf
         NAME FILE: write the suggestion of that name to a .json file, every digit of it.
-    scalars
-        Array to describe, of a VTK file with several.
-    dataset_size
-        Samples along each axis of a generated dataset; by default 128.
     """
     from ..presets import suggest
 
     with Stages() as stage:
-        volume = load(source, scalars, "transparent", dataset_size, stage)
+        volume = reading.load(source, "transparent", stage)
         stage("counting")
         values = volume.numpy().ravel()
         finite = values[np.isfinite(values)] if volume.has_nonfinite else values

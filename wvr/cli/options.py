@@ -35,7 +35,7 @@ def size_of(text: str) -> tuple[int, int]:
     return size
 
 
-def _numbers(text: str, option: str, example: str) -> tuple[Any, ...]:
+def numbers(text: str, option: str, example: str) -> tuple[Any, ...]:
     """As many numbers as the example has."""
     try:
         numbers = tuple(float(part) for part in text.split(","))
@@ -80,7 +80,7 @@ def shadows_of(text: str) -> ConvolutionShadows:
 
     if text == "headlight":
         return ConvolutionShadows()
-    return ConvolutionShadows(light=DirectionalLight(_numbers(text, "--shadows", "1,2,3")))
+    return ConvolutionShadows(light=DirectionalLight(numbers(text, "--shadows", "1,2,3")))
 
 
 def _literal(text: str) -> int | float | str:
@@ -95,13 +95,13 @@ def _literal(text: str) -> int | float | str:
 def clips_of(planes: list[str] | None, boxes: list[str] | None, balls: list[str] | None) -> list[Clip]:
     from ..cuts.shapes import ClipBox, ClipPlane, ClipSphere
 
-    def all_numbers(texts: list[str] | None, option: str, example: str) -> list[tuple[Any, ...]]:
-        return [_numbers(text, option, example) for text in texts or []]
+    def allnumbers(texts: list[str] | None, option: str, example: str) -> list[tuple[Any, ...]]:
+        return [numbers(text, option, example) for text in texts or []]
 
     return [
-        *(ClipPlane(n[:3], n[3:]) for n in all_numbers(planes, "--clip-plane", "64,64,64,0,0,1")),
-        *(ClipBox(n[:3], n[3:]) for n in all_numbers(boxes, "--clip-box", "0,0,0,64,64,64")),
-        *(ClipSphere(n[:3], n[3]) for n in all_numbers(balls, "--clip-sphere", "64,64,64,32")),
+        *(ClipPlane(n[:3], n[3:]) for n in allnumbers(planes, "--clip-plane", "64,64,64,0,0,1")),
+        *(ClipBox(n[:3], n[3:]) for n in allnumbers(boxes, "--clip-box", "0,0,0,64,64,64")),
+        *(ClipSphere(n[:3], n[3]) for n in allnumbers(balls, "--clip-sphere", "64,64,64,32")),
     ]
 
 
@@ -116,13 +116,13 @@ def camera_of(
 ) -> Camera:
     from ..camera import Camera
 
-    upward = AXES.get(up) or _numbers(up, "--up", "0,0,1")
+    upward = AXES.get(up) or numbers(up, "--up", "0,0,1")
     if camera is None:
-        towards = _default_direction(upward) if direction is None else _numbers(direction, "--direction", "1,0.6,0.4")
+        towards = _default_direction(upward) if direction is None else numbers(direction, "--direction", "1,0.6,0.4")
         return Camera.fit(volume, towards, upward, parallel, view_angle, aspect)
     if direction is not None:
         raise ValueError("give --camera or --direction, not both")
-    place = _numbers(camera, "--camera", "300,200,100,0,0,0")
+    place = numbers(camera, "--camera", "300,200,100,0,0,0")
     perspective = Camera(place[:3], place[3:], upward, view_angle)
     if not parallel:
         return perspective
@@ -145,7 +145,7 @@ def transfer_function_of(text: str | None, domain: str | None, volume: Volume) -
     from ..presets import HOUNSFIELD, PRESETS, suggest
     from ..transfer_function import TransferFunction
 
-    span = None if domain is None else _numbers(domain, "--domain", "0,255")
+    span = None if domain is None else numbers(domain, "--domain", "0,255")
     if text in PRESETS:
         hounsfield = PRESETS[text].range == HOUNSFIELD
         return TransferFunction.preset(text, span or (None if hounsfield else volume.range))

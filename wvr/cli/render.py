@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from .options import (
-    Size,
     Vector,
     Vectors,
     camera_of,
@@ -20,8 +19,11 @@ from .options import (
     size_of,
     transfer_function_of,
 )
-from .source import load
+from .source import Reading
 from .stages import Stages
+
+if TYPE_CHECKING:
+    from ..volume import Volume
 
 
 def render(
@@ -49,9 +51,8 @@ def render(
     clip_box: Vectors | None = None,
     clip_sphere: Vectors | None = None,
     threads: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
-    scalars: str | None = None,
     nan: Literal["error", "transparent"] = "error",
-    dataset_size: Size | None = None,
+    reading: Reading = Reading(),  # noqa: B008 - frozen
 ) -> None:
     """Render a volume to an image file.
 
@@ -108,12 +109,8 @@ def render(
         X,Y,Z,RADIUS: keep the ball.
     threads
         CPU threads; by default all cores.
-    scalars
-        Array to render, of a VTK file with several.
     nan
         NaN and infinite samples are an error, or transparent.
-    dataset_size
-        Samples along each axis of a generated dataset; by default 128.
     """
     import wvr
 
@@ -122,12 +119,13 @@ def render(
     shade = None if shadows is None else shadows_of(shadows)
     width, height = size_of(size)
     output = Path(f"{_stem(source)}.png") if output is None else output
-    _check_output(output, source, background)
+    _check_output(output, background)
     clips = clips_of(clip_plane, clip_box, clip_sphere)
     if threads is not None:
         wvr.set_num_threads(threads)
     with Stages() as stage:
-        volume = load(source, scalars, nan, dataset_size, stage)
+        volume = reading.load(source, nan, stage)
+        _check_kept(output, volume)
         transfer_function = transfer_function_of(tf, domain, volume)
         if up is None:
             from ..datasets import GENERATED
@@ -164,7 +162,7 @@ def _stem(source: str) -> str:
     return Path(path.name.removesuffix(".gz")).stem or "volume"
 
 
-def _check_output(output: Path, source: str, background: str | None) -> None:
+def _check_output(output: Path, background: str | None) -> None:
     """Says what cannot be written before minutes of rendering, not after."""
     from ..files import known_suffix
     from ..image import FLOAT_WRITERS
@@ -174,5 +172,9 @@ def _check_output(output: Path, source: str, background: str | None) -> None:
         raise ValueError(f"--background is for .png, {suffix} keeps the image without one")
     if not output.parent.is_dir():
         raise FileNotFoundError(f"--output must be in a folder that exists, got {str(output)!r}")
-    if output.exists() and Path(source).exists() and output.samefile(source):
-        raise ValueError(f"--output must not be the volume itself, got {str(output)!r}")
+
+
+def _check_kept(output: Path, volume: Volume) -> None:
+    """Nothing that was read is written to."""
+    if output.exists() and any(file.exists() and output.samefile(file) for file in volume.files):
+        raise ValueError(f"--output must not be the volume itself, which is read from {str(output)!r}")

@@ -2,35 +2,105 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from .options import Size, Vector, numbers
 from .stages import Stages
 
 if TYPE_CHECKING:
     from ..volume import Volume
 
 
-def load(
-    source: str, scalars: str | None, nan: Literal["error", "transparent"], size: int | None, stage: Stages
-) -> Volume:
-    from .. import datasets
-    from ..io import read
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Reading:
+    """How the source is read.
 
-    if Path(source).exists():
-        if size is not None:
-            raise ValueError(f"--dataset-size is for generated datasets, {source!r} is a file")
-        stage(f"reading {source}")
-        return read(source, scalars, nan)
-    if source not in datasets.names():
-        raise FileNotFoundError(
-            f"{source!r} is neither a file or folder nor a dataset; datasets are {', '.join(datasets.names())}"
-        )
-    if scalars is not None:
-        raise ValueError(f"--scalars is for files with several arrays, {source!r} is a dataset")
-    if source in datasets.GENERATED:
-        stage(f"generating {source}")
-        return datasets.load(source, 128 if size is None else size)
-    if size is not None:
-        raise ValueError(f"--dataset-size is for generated datasets, {source!r} is downloaded as it is")
-    return datasets.fetch(source)  # which shows its own progress
+    Attributes
+    ----------
+    scalars
+        Array to read, of a VTK, npz or HDF5 file with several.
+    frame
+        Volume to read, from 0 on, of a file or series with several in time.
+    shape
+        NZ,NY,NX: samples along z, y, x of a file of bare samples, x fastest; with --dtype.
+    dtype
+        Type of bare samples: uint8, int16, float32, ...; big-endian is >u2, >f4, ...
+    spacing
+        DX,DY,DZ: distances of bare samples along x, y, z; by default 1,1,1.
+    offset
+        Bytes before the first bare sample.
+    dataset_size
+        Samples along each axis of a generated dataset; by default 128.
+    """
+
+    scalars: str | None = None
+    frame: Annotated[int | None, Parameter(validator=Number(gte=0))] = None
+    shape: str | None = None
+    dtype: str | None = None
+    spacing: Vector | None = None
+    offset: Annotated[int | None, Parameter(validator=Number(gte=0))] = None
+    dataset_size: Size | None = None
+
+    def load(self, source: str, nan: Literal["error", "transparent"], stage: Stages) -> Volume:
+        """The volume of a file, folder or dataset."""
+        from .. import datasets
+
+        if Path(source).exists():
+            if self.dataset_size is not None:
+                raise ValueError(f"--dataset-size is for generated datasets, {source!r} is a file")
+            stage(f"reading {source}")
+            try:
+                return self._read(source, nan)
+            except ValueError as error:
+                # It names what Python calls them.
+                message = str(error).replace('nan="transparent"', "--nan transparent").replace("frame=", "--frame")
+                raise ValueError(message.replace("scalars must name", "--scalars must name")) from None
+        if source not in datasets.names():
+            raise FileNotFoundError(
+                f"{source!r} is neither a file or folder nor a dataset; datasets are {', '.join(datasets.names())}"
+            )
+        self._refuse("scalars", "frame", "shape", "dtype", "spacing", "offset", of=f"files, {source!r} is a dataset")
+        if source in datasets.GENERATED:
+            stage(f"generating {source}")
+            return datasets.load(source, 128 if self.dataset_size is None else self.dataset_size)
+        if self.dataset_size is not None:
+            raise ValueError(f"--dataset-size is for generated datasets, {source!r} is downloaded as it is")
+        return datasets.fetch(source)  # which shows its own progress
+
+    def _read(self, source: str, nan: Literal["error", "transparent"]) -> Volume:
+        from ..io import read
+
+        if self.shape is not None or self.dtype is not None:
+            return self._bare(source, nan)
+        self._refuse("spacing", "offset", of=f"bare samples, with --shape and --dtype; {source!r} is no such")
+        return read(source, self.scalars, nan, self.frame)
+
+    def _refuse(self, *names: str, of: str) -> None:
+        if given := [name for name in names if getattr(self, name) is not None]:
+            raise ValueError(f"--{given[0]} is for {of}")
+
+    def _bare(self, source: str, nan: Literal["error", "transparent"]) -> Volume:
+        import numpy as np
+
+        from ..io import read_raw
+
+        if self.shape is None or self.dtype is None:
+            raise ValueError("--shape and --dtype are for bare samples, and go together")
+        self._refuse("scalars", "frame", of="files that say what they hold, --shape and --dtype for those that do not")
+        shape = numbers(self.shape, "--shape", "64,128,256")
+        try:
+            dtype = np.dtype(self.dtype)
+        except TypeError:
+            raise ValueError(f"--dtype must be a type of numbers, such as uint8 or >i2, got {self.dtype!r}") from None
+        if any(n != int(n) or n < 1 for n in shape):
+            raise ValueError(f"--shape must be three integers > 0, NZ,NY,NX, got {self.shape!r}")
+        spacing = (1.0, 1.0, 1.0) if self.spacing is None else numbers(self.spacing, "--spacing", "1,1,2.5")
+        order: Literal["little", "big"] = "big" if dtype.str.startswith(">") else "little"
+        whole = [int(n) for n in shape]
+        return read_raw(source, whole, dtype, spacing, offset=self.offset or 0, byteorder=order, nan=nan)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
+from ..memory import free_host_memory
 from ..volume import Volume
 from .downloads import DOWNLOADS, fetch
 from .fields import blobs, gyroid, marschner_lobb, shepp_logan, spheres, turbulence
@@ -23,6 +25,9 @@ GENERATED: dict[str, Callable[..., NDArray]] = {
     "tree": tree,
     "heart": heart,
 }
+
+# Bytes that generating takes for a sample.
+BYTES = 60
 
 
 def names() -> list[str]:
@@ -48,6 +53,8 @@ def load(name: str, size: int = 128, **options: Any) -> Volume:
     ------
     ValueError
         For an unknown name or a size that is no integer >= 2.
+    MemoryError
+        For a size that would not fit the memory.
     OSError
         When a download fails.
     """
@@ -55,6 +62,10 @@ def load(name: str, size: int = 128, **options: Any) -> Volume:
         return fetch(name, **options)
     if name not in GENERATED:
         raise ValueError(f"name must be one of {', '.join(map(repr, names()))}, got {name!r}")
-    if size != int(size) or size < 2:
+    if isinstance(size, bool) or not isinstance(size, int | np.integer) or size < 2:
         raise ValueError(f"size must be an integer >= 2, got {size!r}")
+    if (needed := BYTES * int(size) ** 3) > (free := free_host_memory()):
+        raise MemoryError(
+            f"size = {size} takes {needed / 2**30:.1f} GiB to generate, of which {free / 2**30:.1f} GiB are free"
+        )
     return Volume(GENERATED[name](int(size), **options))

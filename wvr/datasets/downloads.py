@@ -15,6 +15,10 @@ from ..io import read_raw
 from ..volume import Volume
 
 URL = "https://klacansky.com/open-scivis-datasets"
+# How long nothing may come [s], how long a download may take whatever its size [s], and how slow it may be [bytes/s].
+STALL = 30
+PATIENCE = 120.0
+SLOWEST = 50_000
 
 
 class Download(NamedTuple):
@@ -74,11 +78,8 @@ def fetch(name: str, cache: str | os.PathLike[str] | None = None) -> Volume:
     folder = Path(cache or os.environ.get("WVR_CACHE") or pooch.os_cache("wvr"))
     url = f"{os.environ.get('WVR_DATASETS_URL', URL).rstrip('/')}/{entry.file}"
 
-    def download(url: str, output: str, pooch_: Any) -> None:
-        pooch.HTTPDownloader(progressbar=_Progress(name), chunk_size=2**16)(url, output, pooch_)
-        size = Path(output).stat().st_size
-        if size != entry.bytes:
-            raise ValueError(f"{size} bytes came, {entry.bytes} are expected")
+    def download(url: str, output: str, _: Any) -> None:
+        _download(url, Path(output), entry.bytes, _Progress(name, entry.bytes))
 
     try:
         # Pooch downloads beside the file and moves it there once size and sum are right.
@@ -99,12 +100,38 @@ def fetch(name: str, cache: str | os.PathLike[str] | None = None) -> Volume:
     return read_raw(path, entry.dimensions[::-1], entry.dtype, entry.spacing)
 
 
-class _Progress:
-    """What Pooch expects of a progress bar: a Rich bar, if it takes more than two seconds and someone is watching."""
+def _download(url: str, output: Path, size: int, progress: _Progress) -> None:
+    """A file of a size that is known, in a time that such a size takes at most."""
+    import requests
+    from urllib3.exceptions import HTTPError
 
-    def __init__(self, name: str):
+    end = time.monotonic() + PATIENCE + size / SLOWEST
+    try:
+        with requests.get(url, stream=True, timeout=STALL) as response, output.open("wb") as file:
+            response.raise_for_status()
+            # What has come, however little; older versions wait for as much as is asked for.
+            read = getattr(response.raw, "read1", response.raw.read)
+            while part := read(2**16, decode_content=True):
+                progress.update(len(part))
+                file.write(part)
+                if progress.done > size:
+                    break
+                if time.monotonic() > end:
+                    raise TimeoutError(f"{progress.done} of {size} bytes came in {PATIENCE + size / SLOWEST:.0f} s")
+    except HTTPError as error:
+        raise OSError(str(error)) from error
+    finally:
+        progress.close()
+    if progress.done != size:
+        raise ValueError(f"{progress.done} bytes came, {size} are expected")
+
+
+class _Progress:
+    """A Rich bar, if it takes more than two seconds and someone is watching."""
+
+    def __init__(self, name: str, total: int):
         self.name = name
-        self.total = 0
+        self.total = total
         self.done = 0
         self.start = time.monotonic()
         self.bar: Any = None
@@ -117,13 +144,10 @@ class _Progress:
 
             columns = (TextColumn(self.name), BarColumn(), DownloadColumn(), TransferSpeedColumn())
             self.bar = Progress(*columns, console=Console(stderr=True))
-            self.task = self.bar.add_task(self.name, total=self.total or None)
+            self.task = self.bar.add_task(self.name, total=self.total)
             self.bar.start()
         if self.bar is not None:
             self.bar.update(self.task, completed=self.done)
-
-    def reset(self) -> None:
-        self.done = 0
 
     def close(self) -> None:
         if self.bar is not None:

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
 from ..keep import Keeper, Part
@@ -48,8 +49,12 @@ class Field(ABC):
     shifts: bool = False
     #: Whether scalars at nodes are whole numbers.
     whole: bool = False
-    #: Bytes of its samples on a device.
+    #: Bytes of its samples.
     nbytes: int = 0
+
+    def missing_on(self, device: wp.Device) -> int:
+        """Bytes of its samples that are not on a device yet, and will be."""
+        return 0 if device.is_cpu else self.nbytes
 
     def scaled(self, exponent: int) -> Field:
         """The same with scalars times ``2**exponent``; asked for where ``shifts``."""

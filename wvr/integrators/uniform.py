@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+import numpy as np
+
 from ..keep import Keeper, Part
 from ..kernels.integrators.uniform import Half
 from ..transfer.lookup import Lookup
@@ -98,6 +100,10 @@ class Simpson(Uniform):
         return Half("simpson")
 
 
+# Entries of a table along an axis: a gigabyte in single precision.
+LARGEST_TABLE = 8192
+
+
 @dataclass(frozen=True)
 class Preintegrated(Uniform):
     """Segments looked up in a 2D table by the scalars at their ends, linear in between.
@@ -134,8 +140,11 @@ class Preintegrated(Uniform):
         positive(self.step, "step")
         if self.oversampling != int(self.oversampling) or self.oversampling < 1:
             raise ValueError(f"oversampling must be an integer >= 1, got {self.oversampling!r}")
-        if self.table_size is not None and (self.table_size != int(self.table_size) or self.table_size < 2):
-            raise ValueError(f"table_size must be an integer >= 2 or None, got {self.table_size!r}")
+        n = self.table_size
+        if n is not None and (
+            isinstance(n, bool) or not isinstance(n, int | np.integer) or not 2 <= n <= LARGEST_TABLE
+        ):
+            raise ValueError(f"table_size must be an integer from 2 to {LARGEST_TABLE}, or None, got {n!r}")
         choice(self.generator, "generator", ("incremental", "brute", "approximate"))
 
     @property

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..samples import Grid, components_error
-from .bytes import corrupt, inflated, samples
+from ..samples import Anatomy, Grid, Unsupported, components_error, rescaled
+from .bytes import Fields, Flaw, corrupt, header, opened, samples
+from .nrrd import data_file
 
 TYPES = {
     "MET_CHAR": "i1",
@@ -26,51 +26,74 @@ TYPES = {
     "MET_FLOAT": "f4",
     "MET_DOUBLE": "f8",
 }
+# Fields that mean the same, and their first names.
+ALIASES = {
+    "ElementByteOrderMSB": "BinaryDataByteOrderMSB",
+    "ElementSize": "ElementSpacing",
+    **dict.fromkeys(("Position", "Origin"), "Offset"),
+    **dict.fromkeys(("Rotation", "Orientation"), "TransformMatrix"),
+}
 
 
 def read_meta_image(path: Path) -> Grid:
-    content = path.read_bytes()
-    with corrupt(path):
-        end = re.search(rb"ElementDataFile\s*=\s*([^\r\n]*)\r?\n?", content)
-        if end is None:
-            raise ValueError("no ElementDataFile in its header")
-        lines = content[: end.end()].decode("latin-1").splitlines()
-        head = {name.strip(): value.strip() for name, value in (line.split("=", 1) for line in lines if line.strip())}
-        name = head["ElementDataFile"]
-        components = int(head.get("ElementNumberOfChannels", 1))
-        shape = [int(n) for n in head["DimSize"].split()][::-1]
+    with opened(path) as file:
+        lines, _ = header(file, lambda line: line.lstrip().startswith(b"ElementDataFile"))
+        head = _head(lines)
+        start, name = file.tell(), head["ElementDataFile"]
+        components = head.numbers("ElementNumberOfChannels", int, 1)[0] if "ElementNumberOfChannels" in head else 1
+        shape = head.sizes("DimSize")[::-1]
+        if "NDims" in head and head.numbers("NDims", int, 1)[0] != len(shape):
+            raise Flaw(f"its NDims is {head['NDims']}, its DimSize {head['DimSize']}")
+        if head["ElementType"] not in TYPES:
+            raise Flaw(f"its ElementType {head['ElementType']!r} is none of {', '.join(TYPES)}")
     if components != 1:
         raise components_error(str(path), components)
-    if len(shape) != 3:
-        raise ValueError(f"{path} must have three dimensions, got DimSize = {head['DimSize']}")
-    if name.startswith("LIST") or "%" in name:
-        raise ValueError(f"{path} spreads its samples over several files ({name!r}); only one is supported: merge them")
-    data = (
-        memoryview(content)[end.end() :] if name.upper() == "LOCAL" else memoryview((path.parent / name).read_bytes())
-    )
+    if len(shape) not in (3, 4):
+        raise Unsupported(f"{path} must have three dimensions, or four with time, got DimSize = {head['DimSize']}")
+    data = path if name.upper() == "LOCAL" else data_file(path, name, r"%0?\d*d")
     with corrupt(path):
-        return Grid(_samples_of(head, data, shape), *_place(head), "AnatomicalOrientation" in head)
+        steps, origin = _place(head, len(shape))
+    with opened(data) as file:
+        file.seek(start if data == path else 0)
+        array = _samples(head, file, shape)
+        slope, intercept = (
+            head.numbers(name, float, 1)[0] if (name := f"ElementToIntensityFunction{end}") in head else default
+            for end, default in (("Slope", 1.0), ("Offset", 0.0))
+        )
+        array = rescaled(array, slope, intercept)
+    anatomical: Anatomy = "LPS" if "AnatomicalOrientation" in head else ""
+    return Grid(array, steps, origin, anatomical, tuple(dict.fromkeys((path, data))))
 
 
-def _field(head: dict[str, str], names: str, default: str) -> str:
-    """The first field there is of several that mean the same."""
-    return next((head[name] for name in names.split() if name in head), default)
+def _head(lines: list[str]) -> Fields:
+    head = Fields()
+    for line in lines:
+        name, equals, value = line.partition("=")
+        if line.strip() and not equals:
+            raise Flaw(f"the line {line[:80]!r} of its header is no field")
+        name = name.strip()
+        head.setdefault(ALIASES.get(name, name), value.strip())
+    return head
 
 
-def _samples_of(head: dict[str, str], data: memoryview, shape: Sequence[int]) -> NDArray:
-    big = _field(head, "BinaryDataByteOrderMSB ElementByteOrderMSB", "False").lower() == "true"
-    dtype = np.dtype(TYPES[head["ElementType"]]).newbyteorder(">" if big else "<")
+def _samples(head: Fields, file: BinaryIO, shape: list[int]) -> NDArray:
+    big = head.get("BinaryDataByteOrderMSB", "False").lower() == "true"
+    dtype = np.dtype(TYPES[head["ElementType"]])
     if head.get("BinaryData", "True").lower() == "false":
-        return np.array(bytes(data).split()).astype(dtype).reshape(shape)
-    skip = int(head.get("HeaderSize", 0))
-    data = data[-int(np.prod(shape)) * dtype.itemsize :] if skip == -1 else data[skip:]
-    compressed = head.get("CompressedData", "False").lower() == "true"
-    return samples(inflated(data) if compressed else data, dtype, shape)
+        return samples(file, dtype, shape, "text")
+    dtype = dtype.newbyteorder(">" if big else "<")
+    skip = head.numbers("HeaderSize", int, 1)[0] if "HeaderSize" in head else 0
+    packing = "zlib" if head.get("CompressedData", "False").lower() == "true" else "raw"
+    if skip < -1 or (skip and packing != "raw"):
+        raise Flaw(f"its HeaderSize must be >= 0, or -1 for raw samples at its end, got {skip}")
+    return samples(file, dtype, shape, packing, max(skip, 0), tail=skip == -1)
 
 
-def _place(head: dict[str, str]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    spacing = np.array(_field(head, "ElementSpacing ElementSize", "1 1 1").split(), np.float64).reshape(3)
-    origin = np.array(_field(head, "Offset Position Origin", "0 0 0").split(), np.float64).reshape(3)
-    matrix = _field(head, "TransformMatrix Rotation Orientation", "1 0 0 0 1 0 0 0 1").split()
+def _place(head: Fields, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    spacing = np.array(head.numbers("ElementSpacing", float, n) if "ElementSpacing" in head else [1.0] * n)
+    origin = np.array(head.numbers("Offset", float, n) if "Offset" in head else [0.0] * n)
+    matrix = np.eye(n)
+    if "TransformMatrix" in head:
+        matrix = np.array(head.numbers("TransformMatrix", float, n * n)).reshape(n, n)
     # Rows of the file's matrix are the axes' directions, as ITK (whose format it is) reads and writes it.
-    return np.array(matrix, np.float64).reshape(3, 3).T * spacing, origin
+    return matrix[:3, :3].T * spacing[:3], origin[:3]

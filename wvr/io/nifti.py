@@ -1,96 +1,102 @@
-"""NIfTI-1 and -2 (https://nifti.nimh.nih.gov)."""
+"""NIfTI-1 and -2 (https://nifti.nimh.nih.gov), also as pairs of files, and FreeSurfer's MGH, by nibabel's headers."""
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..samples import Grid, components_error, rescaled
-from .bytes import corrupt, inflated, samples
+from .bytes import Flaw, corrupt, guess, opened, packing_of, samples, start_of
 
-TYPES = {
-    2: "u1",
-    4: "i2",
-    8: "i4",
-    16: "f4",
-    64: "f8",
-    256: "i1",
-    512: "u2",
-    768: "u4",
-    1024: "i8",
-    1280: "u8",
-}
-COMPONENTS = {32: 2, 1792: 2, 128: 3, 2304: 4}  # complex, complex, RGB, RGBA
-# header size: (name, type, byte offset) of the fields that matter
-FIELDS = {
-    348: (
-        ("dim", "8i2", 40), ("datatype", "i2", 70), ("pixdim", "8f4", 76), ("offset", "f4", 108), ("slope", "f4", 112),
-        ("intercept", "f4", 116), ("qform", "i2", 252), ("sform", "i2", 254), ("quatern", "3f4", 256),
-        ("qoffset", "3f4", 268), ("srow", "(3,4)f4", 280), ("magic", "S4", 344),
-    ),
-    540: (
-        ("magic", "S4", 4), ("datatype", "i2", 12), ("dim", "8i8", 16), ("pixdim", "8f8", 104), ("offset", "i8", 168),
-        ("slope", "f8", 176), ("intercept", "f8", 184), ("qform", "i4", 344), ("sform", "i4", 348),
-        ("quatern", "3f8", 352), ("qoffset", "3f8", 376), ("srow", "(3,4)f8", 400),
-    ),
-}  # fmt: skip
+# Bytes of the longest header.
+HEADER = 540
 
 
 def read_nifti(path: Path) -> Grid:
-    content = path.read_bytes()
+    from nibabel import Nifti1Header, Nifti2Header, imageglobals
+
+    with opened(path) as file:
+        content = start_of(file, HEADER)
+        kinds = {348: Nifti1Header, 540: Nifti2Header}
+        sizes = [int(np.frombuffer(content, order + "i4", 1)[0]) for order in "<>"]
+        kind = next((kinds[size] for size in sizes if size in kinds), None)
+        if kind is None:
+            raise Flaw("no NIfTI header at its start")
+        size = kind.sizeof_hdr
+        magic = content[344:348] if size == 348 else content[4:8]
+        if len(content) < size or magic[:3] not in (b"n+1", b"n+2", b"ni1", b"ni2"):
+            raise Flaw(f"its magic is {magic!r} where n+1, n+2, ni1 or ni2 is expected")
+        with imageglobals.LoggingOutputSuppressor():
+            head = kind.from_fileobj(BytesIO(content[:size]), check=False)
+        steps, origin = _place(path, head)
+    pair = magic[1:2] == b"i"
+    return _read(path, _partner(path) if pair else path, head, 0 if pair else size, (steps, origin))
+
+
+def read_mgh(path: Path) -> Grid:
+    from nibabel.freesurfer.mghformat import MGHHeader
+
+    with opened(path) as file:
+        content = start_of(file, MGHHeader.template_dtype.itemsize)
+        head = MGHHeader.from_fileobj(BytesIO(content), check=False)
+        if head["version"] != 1:
+            raise Flaw(f"its version is {head['version']}; 1 is known")
+        affine = head.get_affine()
+        dtype, shape = head.get_data_dtype(), head["dims"].tolist()
+        if min(shape) < 1:
+            raise Flaw(f"its header has the dimensions {shape}")
+        # After the samples there may be more, of any length.
+        array = samples(file, dtype, shape[::-1], packing_of(file), head.get_data_offset(), footer=True)
+    return Grid(array if shape[3] > 1 else array[0], affine[:3, :3], affine[:3, 3], "RAS", (path,))
+
+
+def _partner(path: Path) -> Path:
+    """The file with the samples of a header."""
+    name = path.name.removesuffix(".gz")
+    stem = name[:-4]
+    for candidate in (f"{stem}.img", f"{stem}.img.gz", f"{stem}.IMG"):
+        if (path.parent / candidate).exists():
+            return path.parent / candidate
+    raise FileNotFoundError(f"{path} is the header of {stem}.img, which is not beside it")
+
+
+def _read(
+    path: Path, data: Path, head: Any, least: int, place: tuple[NDArray[np.float64], NDArray[np.float64]]
+) -> Grid:
     with corrupt(path):
-        if path.name.lower().endswith(".gz"):
-            content = inflated(content)
-        head, order = _header(content)
-        dimension, *dims = head["dim"].tolist()
-        if not 1 <= dimension <= 7:
-            raise ValueError(f"{dimension} dimensions")
+        dimension, *dims = (int(n) for n in head["dim"])
+        if not 1 <= dimension <= 7 or min(dims[:dimension]) < 1:
+            raise Flaw(f"its header has the dimensions {dims[: max(dimension, 0)]}")
         dims = dims[:dimension] + [1] * (7 - dimension)
-    components = COMPONENTS.get(int(head["datatype"]), 1) * int(np.prod(dims[3:]))
+        dtype = head.get_data_dtype()
+        start = int(head["vox_offset"])
+        if start < least and start != 0:
+            raise Flaw(f"its samples start at byte {start}, within its header of {least}")
+        start = max(start, least)
+    components = int(np.prod(dims[4:]))
+    components *= len(dtype.names) if dtype.names else 1 + (dtype.kind == "c")
     if components != 1:
         raise components_error(str(path), components)
-    with corrupt(path):
-        dtype = np.dtype(TYPES[int(head["datatype"])]).newbyteorder(order)
-        array = samples(memoryview(content)[int(head["offset"]) :], dtype, dims[2::-1])
+    with opened(data) as file:
+        array = samples(file, dtype, dims[3::-1], packing_of(file), start)
         # A slope of 0 or NaN means none.
-        slope, intercept = (float(head["slope"]), float(head["intercept"])) if head["slope"] else (1.0, 0.0)
-        array = rescaled(array, slope, intercept) if np.isfinite(slope) else array
-        return Grid(array, *_place(head), anatomical=True)
+        slope, intercept = float(head["scl_slope"]), float(head["scl_inter"])
+        if slope and np.isfinite(slope):
+            array = rescaled(array, slope, intercept if np.isfinite(intercept) else 0.0)
+    array = array if dims[3] > 1 else array[0]
+    return Grid(array, *place, "RAS", tuple(dict.fromkeys((path, data))))
 
 
-def _header(content: bytes) -> tuple[Any, Literal["<", ">"]]:
-    """The header's fields and the file's byte order, known from the header's size at its start."""
-    orders: tuple[Literal["<", ">"], ...] = ("<", ">")
-    for order in orders:
-        size = int(np.frombuffer(content, order + "i4", 1)[0])
-        if size in FIELDS:
-            names, formats, offsets = zip(*FIELDS[size], strict=True)
-            layout = {"names": names, "formats": formats, "offsets": offsets, "itemsize": size}
-            head = np.frombuffer(content, np.dtype(layout).newbyteorder(order), 1)[0]  # type: ignore[call-overload]
-            if head["magic"] not in (b"n+1", b"n+2"):
-                raise ValueError(f"magic {head['magic']!r} where n+1 or n+2 is expected")
-            return head, order
-    raise ValueError("no NIfTI header at its start")
-
-
-def _place(head: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    if head["sform"] > 0:
-        rows = head["srow"].astype(np.float64)
-        return rows[:, :3], rows[:, 3]
+def _place(path: Path, head: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """That of the sform; where it is none, of the qform; without one, spacing alone."""
+    for form in (head.get_sform(coded=True)[0], head.get_qform(coded=True)[0]):
+        if form is not None and np.all(np.isfinite(form)) and np.linalg.det(form[:3, :3]) != 0:
+            return form[:3, :3].astype(np.float64), form[:3, 3].astype(np.float64)
     spacing = np.abs(head["pixdim"][1:4].astype(np.float64))
-    if head["qform"] <= 0:
-        return np.diag(spacing), np.zeros(3)
-    b, c, d = head["quatern"].astype(np.float64)
-    a = np.sqrt(max(0.0, 1 - b * b - c * c - d * d))
-    rotation = np.array(
-        [
-            [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
-            [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
-            [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
-        ]
-    )
-    flip = -1.0 if head["pixdim"][0] < 0 else 1.0  # "qfac": the handedness of the axes
-    return rotation * spacing * [1, 1, flip], head["qoffset"].astype(np.float64)
+    if not np.all(spacing > 0):
+        spacing = np.where(spacing > 0, spacing, guess(path, "how wide voxels are along every axis"))
+    return np.diag(spacing), np.zeros(3)

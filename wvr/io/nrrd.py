@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import bz2
+import errno
 import re
-from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..samples import Grid, components_error
-from .bytes import corrupt, inflated, samples
+from ..samples import Anatomy, Grid, Unsupported, components_error
+from .bytes import Fields, Flaw, corrupt, header, opened, samples, skip_lines
+from .space import in_first_unit, right_handed
 
 TYPES = {
     alias.strip(): kind
@@ -30,96 +30,167 @@ TYPES = {
     }.items()
     for alias in aliases.split(",")
 }
-DECODERS: dict[str, Callable[[Any], Any]] = {
-    "raw": memoryview,
-    "gzip": inflated,
-    "gz": inflated,
-    "bzip2": bz2.decompress,
-    "bz2": bz2.decompress,
-}
+PACKINGS = {"raw": "raw", "gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2"}
+PACKINGS |= dict.fromkeys(("txt", "text", "ascii"), "text")
+SPATIAL = ("domain", "space", "???", "none")
+ALIASES = {"datafile": "data file", "lineskip": "line skip", "byteskip": "byte skip", "axismins": "axis mins"}
+VECTOR = r"none|\([^)]*\)"
+
+
+class Axes(NamedTuple):
+    """What the header says of the axes, fastest first."""
+
+    sizes: list[int]
+    spatial: list[bool]
+    timely: list[bool]
+
+    def of_space(self, values: list) -> list:
+        return [value for value, is_spatial in zip(values, self.spatial, strict=True) if is_spatial]
 
 
 def read_nrrd(path: Path) -> Grid:
-    content = path.read_bytes()
+    with opened(path) as file:
+        lines, ended = header(file, lambda line: not line.strip())
+        head = _head(lines)
+        if not ended and "data file" not in head:
+            raise Flaw("its header does not end")
+        axes = _axes(head)
+        dtype = _dtype(head)
+        start = file.tell()
+    extra = [n for n, spatial, time in zip(*axes, strict=True) if not spatial and not time]
+    if int(np.prod(extra)) != 1:
+        raise components_error(str(path), int(np.prod(extra)))
+    if sum(axes.spatial) != 3 or sum(axes.timely) > 1:
+        raise Unsupported(f"{path} must have three spatial axes, got {sum(axes.spatial)} (sizes {head['sizes']})")
+    if head["encoding"].lower() not in PACKINGS:
+        raise Unsupported(f"{path} has the encoding {head['encoding']!r}; {', '.join(PACKINGS)} are supported")
     with corrupt(path):
-        head, data = _parts(content)
-        sizes = [int(n) for n in head["sizes"].split()]
-        spatial = _spatial(head, len(sizes))
-        if len(spatial) != len(sizes) or int(head["dimension"]) != len(sizes):
-            raise ValueError("its axes' fields disagree on how many there are")
-        dtype = np.dtype(TYPES[head["type"]]).newbyteorder(">" if head.get("endian") == "big" else "<")
-    components = int(np.prod([n for n, is_spatial in zip(sizes, spatial, strict=True) if not is_spatial]))
-    if components != 1:
-        raise components_error(str(path), components)
-    if sum(spatial) != 3:
-        raise ValueError(f"{path} must have three spatial axes, got {sum(spatial)} (sizes {head['sizes']})")
-    if "data file" in head:
-        data = memoryview(_data_file(path, head["data file"]).read_bytes())
-    with corrupt(path):
-        shape = [n for n, is_spatial in zip(sizes, spatial, strict=True) if is_spatial][::-1]
-        return Grid(_samples_of(head, data, dtype, shape), *_place(head, spatial), "space" in head)
+        steps, origin, anatomical = _place(head, axes)
+    data = _data_file(path, head["data file"]) if "data file" in head else path
+    with opened(data) as file:
+        file.seek(start if data == path else 0)
+        array = _samples(head, file, dtype, axes)
+    return Grid(array, steps, origin, anatomical, tuple(dict.fromkeys((path, data))))
 
 
-def _parts(content: bytes) -> tuple[dict[str, str], memoryview]:
-    """The header's fields and the bytes after it."""
-    if not content.startswith(b"NRRD"):
-        raise ValueError("no NRRD magic at its start")
-    end = re.search(rb"\r?\n\r?\n", content)
-    lines = content[: end.start() if end else None].decode("latin-1").splitlines()[1:]
-    fields = [line.split(": ", 1) for line in lines if not line.startswith("#") and ":=" not in line]
-    head = {name.strip().lower(): value.strip() for name, value in fields}
-    for alias, name in {"datafile": "data file", "lineskip": "line skip", "byteskip": "byte skip"}.items():
-        if alias in head:
-            head[name] = head.pop(alias)
-    if end is None and "data file" not in head:
-        raise EOFError("its header does not end")
-    return head, memoryview(content)[end.end() if end else len(content) :]
+def _head(lines: list[str]) -> Fields:
+    if not lines[0].startswith("NRRD"):
+        raise Flaw("no NRRD magic at its start")
+    head = Fields()
+    for line in lines[1:]:
+        if not line.strip() or line.startswith("#") or ":=" in line:
+            continue
+        name, colon, value = line.partition(":")
+        if not colon:
+            raise Flaw(f"the line {line[:80]!r} of its header is no field")
+        name = name.strip().lower()
+        head[ALIASES.get(name, name)] = value.strip()
+    return head
 
 
-def _spatial(head: dict[str, str], dimension: int) -> list[bool]:
-    """Which axes are in space; the others are components, time or the like."""
+def _axes(head: Fields) -> Axes:
+    sizes = head.sizes("sizes")
+    kinds = head["kinds"].split() if "kinds" in head else ["???"] * len(sizes)
     if "space directions" in head:
-        return [vector != "none" for vector in re.findall(r"none|\([^)]*\)", head["space directions"])]
-    if "kinds" in head:
-        return [kind in ("domain", "space", "???", "none") for kind in head["kinds"].split()]
-    return [axis >= dimension - 3 for axis in range(dimension)]
+        vectors = re.findall(VECTOR, head["space directions"])
+        spatial = [vector != "none" for vector in vectors]
+        # Where time is an axis of the space, its vector has nothing but a last number.
+        for axis, vector in enumerate(vectors):
+            if vector.count(",") == 3 and not any(_vector(vector)[:3]):
+                spatial[axis] = False
+                kinds[axis : axis + 1] = ["time"]
+    elif "kinds" in head:
+        spatial = [kind in SPATIAL for kind in kinds]
+    else:
+        spatial = [axis >= len(sizes) - 3 for axis in range(len(sizes))]
+    if not len(spatial) == len(kinds) == len(sizes) == head.numbers("dimension", int, 1)[0]:
+        raise Flaw("its axes' fields disagree on how many there are")
+    timely = [kind in ("time", "list") and not space for kind, space in zip(kinds, spatial, strict=True)]
+    return Axes(sizes, spatial, timely)
+
+
+def _dtype(head: Fields) -> np.dtype:
+    kind = head["type"].lower()
+    if kind not in TYPES:
+        raise Flaw(f"its type {head['type']!r} is unknown; known are {', '.join(TYPES)}")
+    dtype = np.dtype(TYPES[kind])
+    if dtype.itemsize == 1 or PACKINGS.get(head["encoding"].lower()) == "text":
+        return dtype
+    if "endian" not in head:
+        raise Flaw(f"samples of {dtype.name} need the field 'endian: little' or 'endian: big', its header has none")
+    orders = {"little": "<", "big": ">"}
+    if head["endian"].lower() not in orders:
+        raise Flaw(f"its endian must be little or big, got {head['endian']!r}")
+    return dtype.newbyteorder(orders[head["endian"].lower()])  # type: ignore[arg-type]
+
+
+def data_file(path: Path, name: str, several: str) -> Path:
+    """The one file with a header's samples, whose name may look like a pattern; ``several`` is what a pattern is."""
+    if name.split()[:1] == ["LIST"] or (re.search(several, name) and not (path.parent / name).exists()):
+        raise Unsupported(
+            f"{path} spreads its samples over several files ({name!r}); only one is supported: merge them"
+        )
+    data = path.parent / name
+    if "\0" in name or not data.exists():
+        raise FileNotFoundError(errno.ENOENT, f"the samples of {path} are in a file that is not there", str(data))
+    return data
 
 
 def _data_file(path: Path, name: str) -> Path:
-    if name.startswith("LIST") or "%" in name:
-        raise ValueError(f"{path} spreads its samples over several files ({name!r}); only one is supported: merge them")
-    return path.parent / name
+    return data_file(path, name, r"%0?\d*d.*\s-?\d+\s+-?\d+\s+-?\d+")
 
 
-def _samples_of(head: dict[str, str], data: Any, dtype: np.dtype, shape: Sequence[int]) -> NDArray:
-    encoding = head["encoding"].lower()
-    for _ in range(int(head.get("line skip", 0))):
-        data = data[bytes(data).index(b"\n") + 1 :]
-    if encoding in ("txt", "text", "ascii"):
-        return np.array(bytes(data).split()).astype(dtype).reshape(shape)
-    if encoding not in DECODERS:
-        raise ValueError(f"unknown encoding {encoding!r}")
-    skip = int(head.get("byte skip", 0))
-    if skip == -1:  # raw samples at the end of a file whose header is of no interest
-        data = data[-int(np.prod(shape)) * dtype.itemsize :]
-    # For compressed data the format counts the skipped bytes after decompression.
-    return samples(memoryview(DECODERS[encoding](data))[max(skip, 0) :], dtype, shape)
+def _samples(head: Fields, file: BinaryIO, dtype: np.dtype, axes: Axes) -> NDArray:
+    skip_lines(file, head.numbers("line skip", int, 1)[0] if "line skip" in head else 0)
+    skip = head.numbers("byte skip", int, 1)[0] if "byte skip" in head else 0
+    packing = PACKINGS[head["encoding"].lower()]
+    if skip < -1 or (skip == -1 and packing != "raw"):
+        raise Flaw(f"its byte skip must be >= 0, or -1 for raw samples at its end, got {skip}")
+    # For compressed samples the format counts the skipped bytes after decompression.
+    array = samples(file, dtype, axes.sizes[::-1], packing, max(skip, 0), tail=skip == -1)
+    if any(axes.timely):
+        array = np.moveaxis(array, len(axes.sizes) - 1 - axes.timely.index(True), 0)
+        return array.reshape(array.shape[0], *axes.of_space(axes.sizes)[::-1])
+    return array.reshape(axes.of_space(axes.sizes)[::-1])
 
 
-def _place(head: dict[str, str], spatial: list[bool]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Steps and origin, from the space fields or the older per-axis ones."""
+def _vector(text: str) -> list[float]:
+    try:
+        return [float(number) for number in text.strip("() ").split(",")]
+    except ValueError:
+        raise Flaw(f"{text!r} in its header is no vector") from None
+
+
+def _words(text: str) -> list[str]:
+    """Words, some in quotes."""
+    return [word.strip('"') for word in re.findall(r'"[^"]*"|\S+', text)]
+
+
+def _place(head: Fields, axes: Axes) -> tuple[NDArray[np.float64], NDArray[np.float64], Anatomy]:
+    """Steps and origin, from the space fields or the older per-axis ones, and which way a patient's axes go."""
 
     def per_axis(field: str, default: str) -> list[str]:
-        values = head.get(field, " ".join([default] * len(spatial))).split()
-        return [value for value, is_spatial in zip(values, spatial, strict=True) if is_spatial]
+        values = _words(head[field]) if field in head else [default] * len(axes.sizes)
+        if len(values) != len(axes.sizes):
+            raise Flaw(f"its field {field!r} must have {len(axes.sizes)} entries, got {head[field]!r}")
+        return axes.of_space(values)
 
+    signs, anatomical = right_handed(head["space"]) if "space" in head else (np.ones(3), "")
     if "space directions" in head:
-        vectors = re.findall(r"\(([^)]*)\)", head["space directions"])
-        steps = np.array([[float(v) for v in vector.split(",")] for vector in vectors]).T
-        origin = head.get("space origin", "(0,0,0)").strip("() ").split(",")
-        return steps.reshape(3, 3), np.array(origin, np.float64).reshape(3)
-    spacing = np.array(per_axis("spacings", "1"), np.float64)
-    lower = np.array(per_axis("axis mins", "nan"), np.float64)
+        vectors = axes.of_space(re.findall(VECTOR, head["space directions"]))
+        steps = np.array([_vector(vector)[:3] for vector in vectors])
+        origin = np.array(_vector(head.get("space origin", "(0,0,0)"))[:3])
+        if steps.shape != (3, 3) or origin.shape != (3,):
+            raise Flaw("its space must have three dimensions")
+        if "space units" in head:
+            scale = np.array(in_first_unit([1, 1, 1], _words(head["space units"])[:3]))
+            steps, origin = steps * scale, origin * scale
+        return signs[:, None] * steps.T, signs * origin, anatomical
+    units = per_axis("units", "")
+    spacing = np.array([float(value) for value in per_axis("spacings", "nan")])
+    spacing = np.array(in_first_unit(np.where(np.isnan(spacing), 1.0, spacing).tolist(), units))  # NaN: unknown
+    lower = np.array(in_first_unit([float(value) for value in per_axis("axis mins", "nan")], units))
     # An axis minimum is where the first cell starts, unless samples are nodes.
     half = [0.0 if centre == "node" else 0.5 for centre in per_axis("centers", "cell")]
-    return np.diag(spacing), np.where(np.isnan(lower), 0.0, lower + spacing * half)
+    origin = np.where(np.isnan(lower), 0.0, lower + spacing * half)
+    return np.diag(signs * spacing), signs * origin, anatomical

@@ -5,69 +5,110 @@ from __future__ import annotations
 import errno
 import os
 from collections.abc import Callable, Sequence
+from math import prod
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from ..interop import RESAMPLE, from_pyvista
-from ..samples import NanPolicy, narrowed
+from ..interop import RESAMPLE
+from ..samples import Grid, NanPolicy, Unsupported, narrowed
 from ..volume import Volume
-from .dicom import dicom_files, read_dicom, read_dicom_folder
+from .bytes import regular
+from .dicom import dicom_files, is_dicom, read_dicom, read_dicom_folder
+from .hdf5 import read_hdf5
 from .meta_image import read_meta_image
-from .nifti import read_nifti
-from .npy import read_npy
+from .mrc import read_mrc
+from .nifti import read_mgh, read_nifti
+from .npy import read_npy, read_npz
 from .nrrd import read_nrrd
-from .tiff import read_tiff, read_tiff_folder, tiff_files
-from .vtk import read_vtk_image
+from .slices import read_slices, slice_files
+from .tiff import read_tiff
+from .vtk_legacy import read_legacy
+from .vtk_xml import read_vti
 
 
-def read(path: str | os.PathLike[str], scalars: str | None = None, nan: NanPolicy = "error") -> Volume:
+def read(
+    path: str | os.PathLike[str], scalars: str | None = None, nan: NanPolicy = "error", frame: int | None = None
+) -> Volume:
     """The volume in a file or folder.
 
     Parameters
     ----------
     path
-        NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), NIfTI (.nii, .nii.gz), VTK image data (.vti, legacy .vtk), TIFF
-        with a page per slice (.tif, .tiff), NumPy (.npy, three axes z, y, x), DICOM (.dcm); or a folder with either one
-        TIFF per slice, in natural order of their names, or one DICOM series, in order of position.
+        NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), NIfTI (.nii, .nii.gz, .hdr and .img), MGH (.mgh, .mgz), MRC and
+        CCP4 (.mrc, .map, .ccp4), VTK image data (.vti, legacy .vtk), TIFF with a page per slice (.tif, .tiff), NumPy
+        (.npy, .npz, axes z, y, x), HDF5 (.h5, .hdf5), DICOM (any name); or a folder with either one TIFF, PNG, JPEG or
+        BMP image per slice, in natural order of their names, or one DICOM series, in order of position.
     scalars
-        Name of the array, for VTK files with several; by default the active one. Samples stored on cells sit at the
-        cells' centres: the volume is then half a cell smaller on every side than the file's box.
+        Name of the array, for VTK, npz and HDF5 files with several; by default the only or, of VTK's, the active one.
+        Samples stored on cells sit at the cells' centres: the volume is then half a cell smaller on every side than
+        the file's box.
     nan
         What to do with NaN and infinite samples, see :class:`Volume`.
+    frame
+        Which volume, from 0 on, of a file or series with several in time (of NumPy and HDF5 files, along the first of
+        four axes).
 
     Returns
     -------
     Volume
         ``array[z, y, x]`` in the file's dtype (but for bool and wide integers, which become the smallest dtype that
-        holds every value) and world coordinates. TIFF spacing is known from ImageJ and OME files only, NumPy files have
-        none: 1.
+        holds every value) and world coordinates. TIFF spacing is known from ImageJ and OME files only, NumPy files and
+        other images have none: 1.
 
     Raises
     ------
     FileNotFoundError
-        No such file, or a folder without TIFF or DICOM images.
+        No such file, or a folder without slices.
     OSError
-        A truncated or corrupt file.
+        A truncated or corrupt file, one that holds more or less than it declares, or no regular file.
+    ImportError
+        A format that needs a package that is not there; the message names it.
+    MemoryError
+        A volume for which there is no memory.
     ValueError
-        An unknown extension, more than one component a sample, a grid that is not regular, an unknown ``scalars``, or
-        samples that :class:`Volume` refuses.
+        An unknown extension, more than one component a sample, a grid that is not regular, an unknown ``scalars``,
+        several volumes without ``frame``, or samples that :class:`Volume` refuses.
     """
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(errno.ENOENT, "no such file or folder", str(path))
-    reader = _folder_reader(path) if path.is_dir() else _file_reader(path)
-    if reader is read_vtk_image:
-        return from_pyvista(reader(path), scalars, nan)
-    if scalars is not None:
-        raise ValueError(f"scalars={scalars!r}: {path} holds one array without a name; leave scalars out")
-    array, steps, origin, anatomical = reader(path)
-    lengths = np.linalg.norm(steps, axis=0)
-    volume = Volume(narrowed(array), lengths, origin, steps / np.where(lengths > 0, lengths, 1), nan)
-    volume.anatomical = anatomical
+    if path.is_dir():
+        grid = _read_folder(path, scalars)
+    else:
+        regular(path)
+        reader = _reader(path)
+        if scalars is not None and not reader.named:
+            raise _unnamed(path, scalars)
+        grid = reader.read(path, scalars) if reader.named else reader.read(path)
+    array = _frame_of(path, grid.array, frame)
+    try:
+        with np.errstate(all="ignore"):
+            lengths = np.linalg.norm(grid.steps, axis=0)
+            direction = grid.steps / np.where(lengths > 0, lengths, 1)
+        volume = Volume(narrowed(array), lengths, grid.origin, direction, nan)
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"{path}: {error}") from None
+    volume.anatomical, volume.files = grid.anatomical, grid.files
     return volume
+
+
+def _frame_of(path: Path, array: NDArray, frame: int | None) -> NDArray:
+    """The volume to render of one, or of several in time."""
+    if array.ndim != 4:
+        if frame not in (None, 0):
+            raise ValueError(f"frame must be 0 or None for one volume, as in {path}, got {frame!r}")
+        return array
+    count = len(array)
+    if frame is None and count > 1:
+        raise ValueError(f"{path} holds {count} volumes (time): pick one with frame=, from 0 to {count - 1}")
+    frame = 0 if frame is None else frame
+    if isinstance(frame, bool) or not isinstance(frame, (int, np.integer)) or not 0 <= frame < count:
+        raise ValueError(f"frame must be an integer from 0 to {count - 1}, as {path} holds {count}, got {frame!r}")
+    # Not the others with it in memory.
+    return array[frame].copy() if count > 1 else array[frame]
 
 
 def read_raw(
@@ -108,34 +149,67 @@ def read_raw(
         Arguments out of range.
     """
     path = Path(path)
-    size = path.stat().st_size
-    if len(shape) != 3 or any(n != int(n) or n < 1 for n in shape):
+    size = regular(path)
+    try:
+        whole = len(shape) == 3 and all(n == int(n) and n >= 1 for n in shape)
+    except (TypeError, ValueError, OverflowError):
+        whole = False
+    if not whole:
         raise ValueError(f"shape must be three integers > 0 (nz, ny, nx), got {shape!r}")
-    if offset < 0:
+    if isinstance(offset, bool) or not isinstance(offset, (int, np.integer)) or offset < 0:
         raise ValueError(f"offset must be >= 0 bytes, got {offset}")
     if byteorder not in ("little", "big"):
         raise ValueError(f'byteorder must be "little" or "big", got {byteorder!r}')
-    kind = np.dtype(dtype).newbyteorder("<" if byteorder == "little" else ">")
-    expected = offset + kind.itemsize * int(np.prod(shape, dtype=np.int64))
+    try:
+        kind = np.dtype(dtype).newbyteorder("<" if byteorder == "little" else ">")
+    except TypeError:
+        raise TypeError(f"dtype must be that of numbers, such as uint16, got {dtype!r}") from None
+    if kind.kind not in "biuf":
+        raise TypeError(f"dtype must be that of numbers, such as uint16, got {dtype!r}")
+    expected = offset + kind.itemsize * prod(int(n) for n in shape)
     if size != expected:
-        raise OSError(f"{path} has {size} bytes; {offset} + {tuple(shape)} samples of {kind.name} are {expected} bytes")
+        odd = f"{abs(size - expected):,} too {'many' if size > expected else 'few'}"
+        raise OSError(
+            f"{path} has {size} bytes; {offset} + {tuple(shape)} samples of {kind.name} are {expected} bytes: {odd}; "
+            f"check shape, dtype and offset"
+        )
     array = np.memmap(path, kind, "r", offset, tuple(int(n) for n in shape))
-    return Volume(narrowed(array), spacing, origin, direction, nan)
+    volume = Volume(narrowed(array), spacing, origin, direction, nan)
+    volume.files = (path,)
+    return volume
 
 
-READERS: dict[str, Callable[[Path], Any]] = {
-    ".nrrd": read_nrrd,
-    ".nhdr": read_nrrd,
-    ".mha": read_meta_image,
-    ".mhd": read_meta_image,
-    ".nii": read_nifti,
-    ".nii.gz": read_nifti,
-    ".vti": read_vtk_image,
-    ".vtk": read_vtk_image,
-    ".tif": read_tiff,
-    ".tiff": read_tiff,
-    ".dcm": read_dicom,
-    ".npy": read_npy,
+class Format(NamedTuple):
+    """How files of an extension are read, and whether their arrays have names."""
+
+    read: Callable[..., Grid]
+    named: bool = False
+
+
+READERS = {
+    ".nrrd": Format(read_nrrd),
+    ".nhdr": Format(read_nrrd),
+    ".mha": Format(read_meta_image),
+    ".mhd": Format(read_meta_image),
+    ".nii": Format(read_nifti),
+    ".nii.gz": Format(read_nifti),
+    ".hdr": Format(read_nifti),
+    ".mgh": Format(read_mgh),
+    ".mgz": Format(read_mgh),
+    ".mrc": Format(read_mrc),
+    ".mrc.gz": Format(read_mrc),
+    ".map": Format(read_mrc),
+    ".map.gz": Format(read_mrc),
+    ".ccp4": Format(read_mrc),
+    ".vti": Format(read_vti, named=True),
+    ".vtk": Format(read_legacy, named=True),
+    ".tif": Format(read_tiff),
+    ".tiff": Format(read_tiff),
+    ".dcm": Format(read_dicom),
+    ".npy": Format(read_npy),
+    ".npz": Format(read_npz, named=True),
+    ".h5": Format(read_hdf5, named=True),
+    ".hdf5": Format(read_hdf5, named=True),
 }
 OTHER_GRIDS = {
     ".vtr": "rectilinear grid",
@@ -145,23 +219,33 @@ OTHER_GRIDS = {
 }
 
 
-def _file_reader(path: Path) -> Callable[[Path], Any]:
+def _unnamed(path: Path, scalars: str) -> ValueError:
+    return ValueError(f"scalars={scalars!r}: {path} holds one array without a name; leave scalars out")
+
+
+def _reader(path: Path) -> Format:
     name = path.name.lower()
     for ending, reader in READERS.items():
         if name.endswith(ending):
             return reader
+    if is_dicom(path):
+        return READERS[".dcm"]
     if path.suffix.lower() in OTHER_GRIDS:
         raise ValueError(f"{path} holds a {OTHER_GRIDS[path.suffix.lower()]}; {RESAMPLE}")
     raise ValueError(
-        f"{path} has an unknown extension; accepted are {', '.join(READERS)} and folders of TIFF or DICOM slices; "
-        f"bare samples: wvr.read_raw; what PyVista reads: wvr.Volume.from_pyvista(pyvista.read(path))"
+        f"{path} has an unknown extension; accepted are {', '.join(READERS)}, DICOM under any name, and folders of "
+        f"TIFF, PNG, JPEG, BMP or DICOM slices; bare samples: wvr.read_raw (wvr render --shape --dtype); what PyVista "
+        f"reads: wvr.Volume.from_pyvista(pyvista.read(path))"
     )
 
 
-def _folder_reader(path: Path) -> Callable[[Path], Any]:
-    tiff, dicom = tiff_files(path), dicom_files(path)
-    if tiff and dicom:
-        raise ValueError(f"{path} holds {len(tiff)} TIFF and {len(dicom)} DICOM files; keep one kind")
-    if not tiff and not dicom:
-        raise FileNotFoundError(errno.ENOENT, "no TIFF or DICOM images in the folder", str(path))
-    return read_tiff_folder if tiff else read_dicom_folder
+def _read_folder(path: Path, scalars: str | None) -> Grid:
+    if scalars is not None:
+        raise _unnamed(path, scalars)
+    images = slice_files(path)
+    dicom = dicom_files(path, below=not images)
+    if images and dicom:
+        raise Unsupported(f"{path} holds {len(images)} images and {len(dicom)} DICOM files; keep one kind")
+    if not images and not dicom:
+        raise FileNotFoundError(errno.ENOENT, "no TIFF, PNG, JPEG, BMP or DICOM images in the folder", str(path))
+    return read_slices(path) if images else read_dicom_folder(path)

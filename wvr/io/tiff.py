@@ -1,4 +1,4 @@
-"""TIFF: a page per slice, or a folder with a file per slice."""
+"""TIFF: a page per slice, by tifffile."""
 
 from __future__ import annotations
 
@@ -12,58 +12,48 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..samples import Grid, components_error
-from .bytes import corrupt
+from ..samples import Grid, Unsupported, components_error
+from .bytes import Flaw, corrupt, empty, guess, opened
+from .space import in_first_unit
 
 
 def read_tiff(path: Path) -> Grid:
-    array, spacing = _stack(path)
-    return Grid(array, np.diag(spacing), np.zeros(3))
+    array, spacing = stack(path)
+    return Grid(array, np.diag(spacing), np.zeros(3), "", (path,))
 
 
-def read_tiff_folder(path: Path) -> Grid:
-    files = sorted(tiff_files(path), key=lambda file: [int(t) if t.isdigit() else t for t in _digits(file.name)])
-    slices = [_stack(file) for file in files]
-    first, spacing = slices[0]
-    for file, (array, _) in zip(files, slices, strict=True):
-        if array.shape != (1, *first.shape[1:]) or array.dtype != first.dtype:
-            raise ValueError(
-                f"{file} holds {array.shape} {array.dtype}, one slice (1, {first.shape[1]}, {first.shape[2]}) of "
-                f"{first.dtype} is expected, as in {files[0].name}"
-            )
-    return Grid(np.concatenate([array for array, _ in slices]), np.diag(spacing), np.zeros(3))
-
-
-def _digits(name: str) -> list[str]:
-    return re.split(r"(\d+)", name.lower())
-
-
-def tiff_files(path: Path) -> list[Path]:
-    return [file for file in path.iterdir() if file.suffix.lower() in (".tif", ".tiff") and file.is_file()]
-
-
-def _stack(path: Path) -> tuple[NDArray, list[float]]:
-    """Samples (z, y, x) and spacing (x, y, z) of a TIFF file."""
+def stack(path: Path) -> tuple[NDArray, list[float]]:
+    """Samples (z, y, x), or (time, z, y, x), and spacing (x, y, z) of a TIFF file."""
     import tifffile
 
-    with corrupt(path), _raising_log("tifffile"), tifffile.TiffFile(path) as file:
+    with opened(path) as opened_file, _raising_log("tifffile"), tifffile.TiffFile(opened_file) as file:
         pages, size, form = list(file.pages), path.stat().st_size, file.tiff
         # tifffile does without a last directory's end, and fills strips that are not there with zeros.
         ends = [pages[-1].offset + form.tagnosize + form.tagsize * len(pages[-1].tags) + form.offsetsize]
         strips = [strip for page in pages for strip in zip(page.dataoffsets, page.databytecounts, strict=True)]
         if max(ends + [offset + count for offset, count in strips]) > size or not all(count for _, count in strips):
-            raise EOFError("some of its samples are missing")
-        series, spacing = file.series, _spacing(file)
+            raise Flaw("some of its samples are missing")
+        series, spacing = file.series, _spacing(path, file)
         axes, shape, dtype = series[0].axes, series[0].shape, series[0].dtype
-    if len(series) > 1:
-        raise ValueError(
-            f"{path} holds {len(series)} images of different size or type; a volume is one: split the file"
-        )
-    if axes[-2:] != "YX" or len(shape) > 3 or axes[0] in "CS":
-        extra = [n for n, axis in zip(shape, axes, strict=True) if axis not in "ZYX"]
-        raise components_error(f"{path} (axes {axes}, shape {shape})", int(np.prod(extra)))
+        # As many samples as there may be in so many bytes, before any memory is taken for them.
+        packing = "raw" if all(page.compression == 1 for page in pages) else "image"
+        for page in pages:
+            empty(page.shape, page.dtype, sum(page.databytecounts), packing)
+        if 0 in shape:
+            raise Flaw(f"its images have no samples: {shape}")
+        if len(series) > 1:
+            raise Unsupported(f"it holds {len(series)} images of different size or type, a volume is one: split it")
+        extra = [n for n, axis in zip(shape, axes, strict=True) if axis not in "TZYX"]
+        lead = {axis: n for n, axis in zip(shape, axes, strict=True) if axis in "TZ"}
+        if axes[-2:] != "YX" or (axes[0] in "CS" and int(np.prod(extra)) != 1) or len(shape) > 4:
+            raise components_error(f"{path} (axes {axes}, shape {shape})", int(np.prod(extra)))
+        # Pages without a meaning of their own are slices; those of a plain stack may be called time.
+        if len(shape) == 4 and axes[:2] not in ("TZ", "ZT"):
+            raise components_error(f"{path} (axes {axes}, shape {shape})", int(np.prod(extra)))
     with corrupt(path), _raising_log("tifffile"):
-        array = _samples_of(path, dtype, len(pages))
+        array = _samples_of(path, dtype, len(pages)).reshape(shape)
+    if len(shape) == 4 and len(lead) == 2:
+        return (array if axes[0] == "T" else array.swapaxes(0, 1)), spacing
     return array.reshape(-1, *shape[-2:]), spacing
 
 
@@ -86,18 +76,25 @@ def _samples_of(path: Path, dtype: np.dtype, pages: int) -> NDArray:
     return np.stack(slices).astype(dtype)
 
 
-def _spacing(file: Any) -> list[float]:
+def _spacing(path: Path, file: Any) -> list[float]:
     """Spacing along x, y, z where the file states a voxel's size; a plain resolution is one of print: 1."""
     if file.is_ome:
-        if len(set(re.findall(r'PhysicalSize[XYZ]Unit="([^"]*)"', file.ome_metadata))) > 1:
-            raise ValueError("its voxel size mixes units")
-        sizes = dict(re.findall(r'PhysicalSize([XYZ])="([^"]*)"', file.ome_metadata))
-        return [float(sizes.get(axis, 1.0)) for axis in "XYZ"]
+        head = file.ome_metadata
+        units = dict(re.findall(r'PhysicalSize([XYZ])Unit="([^"]*)"', head))
+        sizes = dict(re.findall(r'PhysicalSize([XYZ])="([^"]*)"', head))
+        # Without a unit it is the micrometre.
+        given = [units.get(axis, "µm") for axis in "XYZ" if axis in sizes]
+        found = iter(in_first_unit([float(sizes[axis]) for axis in "XYZ" if axis in sizes], given) if given else [])
+        return [next(found) if axis in sizes else 1.0 for axis in "XYZ"]
     if not file.is_imagej:
         return [1.0, 1.0, 1.0]
-    tags = file.pages[0].tags
+    head, tags = file.imagej_metadata, file.pages[0].tags
     per_unit = [tags[name].value if name in tags else (1, 1) for name in ("XResolution", "YResolution")]
-    return [d / n if n else 1.0 for n, d in per_unit] + [float(file.imagej_metadata.get("spacing", 1.0))]
+    lengths = [d / n if n else 1.0 for n, d in per_unit] + [float(head.get("spacing", 1.0))]
+    if "spacing" not in head and lengths[:2] != [1.0, 1.0] and len(file.pages) > 1:
+        guess(path, "how far slices are apart, only how wide pixels are")
+    unit = str(head.get("unit", ""))
+    return in_first_unit(lengths, [unit, str(head.get("yunit", unit)), str(head.get("zunit", unit))])
 
 
 @contextmanager

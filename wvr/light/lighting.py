@@ -23,6 +23,10 @@ Mode = Literal["center", "average", "interpolated", "isosurface", "closest-isosu
 MODES: tuple[Mode, ...] = get_args(Mode)
 
 
+# Parts of a segment, each lit: no more differ.
+MOST_PARTS = 4096
+
+
 @dataclass(frozen=True)
 class Lighting:
     """Light on the emission of a volume.
@@ -86,8 +90,8 @@ class Lighting:
                 raise ValueError(f"{name} must be a finite number >= 0, got {value!r}")
         positive(self.shininess, "shininess")
         parts = self.supersample
-        if isinstance(parts, bool) or not isinstance(parts, int | np.integer) or parts < 1:
-            raise ValueError(f"supersample must be an integer >= 1, got {parts!r}")
+        if isinstance(parts, bool) or not isinstance(parts, int | np.integer) or not 1 <= parts <= MOST_PARTS:
+            raise ValueError(f"supersample must be an integer from 1 to {MOST_PARTS}, got {parts!r}")
         object.__setattr__(self, "light", light_list(self.light))
 
     @property

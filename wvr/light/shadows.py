@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from ..scene import Scene
 
 
+# Cells of light across a volume: slices of as many by as many are kept.
+MOST_CELLS = 2**14
+
+
 @dataclass(frozen=True)
 class ConvolutionShadows:
     """Shadows by light that is attenuated and spread from slice to slice.
@@ -141,4 +145,9 @@ class ConvolutionShadows:
         return self.image == "slices"
 
     def check(self, scene: Scene) -> None:
-        """All scenes can be in shadow."""
+        """All scenes can be in shadow, but for cells of light that are too many."""
+        if scene.volume.longest / self.cell_width > MOST_CELLS:
+            raise ValueError(
+                f"shadows must have cells of at least {scene.volume.longest / MOST_CELLS:.3g} voxel spacings in this "
+                f"volume, {MOST_CELLS} across its diagonal of {scene.volume.longest:.6g}, got cell={self.cell_width:g}"
+            )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..kernels.precision import REALS, vec4_of
 from ..kernels.transfer.preintegration import make_approximate, make_generators
 from ..launch import get_device, launch
+from ..memory import free_host_memory, free_memory
 from ..transfer_function import TransferFunction
 from ..validation import choice, positive
 from .running import Cut, RunningIntegrals
@@ -21,6 +22,10 @@ from .table import Table
 Weights = Literal["lighting", "lum"]
 
 GENERATORS = ("incremental", "brute", "approximate", "running")
+# The largest n whose square kernels can count to.
+LARGEST = 46340
+# Bytes that the integrals of a transfer function need on the way, for an entry.
+ENTRY = 500
 WEIGHTS = (None, "lighting", "lum")
 
 
@@ -89,8 +94,10 @@ def preintegrate(
     Raises
     ------
     ValueError
-        For n < 2, lengths <= 0, NaN or not ascending, lo >= hi, a transfer function of a single scalar without
-        ``domain``, or weights with a generator that has none.
+        For n < 2 or > 46340, lengths <= 0, NaN or not ascending, lo >= hi, a transfer function of a single scalar
+        without ``domain``, or weights with a generator that has none.
+    MemoryError
+        For tables that would not fit the memory, before it is taken.
 
     Examples
     --------
@@ -115,15 +122,35 @@ def preintegrate(
     if weights == "lum" and generator == "brute":
         raise ValueError('weights="lum" is a way of generator="incremental", got generator="brute"')
     lo, hi = _domain(tf, domain)
-    cut = Cut(tf, int(n), (lo, hi), 1.0)
+    on, n = get_device(device), int(n)
+    if generator != "running" and n > LARGEST:
+        raise ValueError(f"n must be at most {LARGEST} for tables of n x n entries, got {n}")
+    square = 0 if generator == "running" else _bytes(tf, n, len(lengths), weights, precision)
+    _check_memory(ENTRY * n + square, n, len(lengths), on)
+    cut = Cut(tf, n, (lo, hi), 1.0)
     if generator == "running":
         return RunningIntegrals(cut)
-    on = get_device(device)
     layers = [tables_of(tf, cut, value, generator, weights, precision, on) for value in lengths]
     tables = {name: np.stack([layer[name] for layer in layers]) for name in layers[0]}
     if np.ndim(length) == 0:
         return Table(domain=(lo, hi), length=lengths[0], **{name: entries[0] for name, entries in tables.items()})
     return Table(domain=(lo, hi), length=np.array(lengths), **tables)
+
+
+def _check_memory(needed: int, n: int, lengths: int, device: wp.Device) -> None:
+    """Of bytes that tables need while they are made, on the device and on the host, before any is taken."""
+    free = min(free_memory(device), free_host_memory())
+    if needed > free:
+        raise MemoryError(
+            f"n = {n} entries along an axis and {lengths} lengths need {needed / 2**30:.1f} GiB, of which "
+            f"{free / 2**30:.1f} GiB are free: take a smaller n"
+        )
+
+
+def _bytes(tf: TransferFunction, n: int, lengths: int, weights: str | None, precision: str) -> int:
+    """Of square tables: on the way those of a length, and twice all of them, as they come and in one."""
+    kinds = (1 + (tf.ambient is not None)) + 2 * (weights is not None) * (1 + (tf.diffuse is not None))
+    return (16 if precision == "float32" else 32) * n * n * kinds * (2 * lengths + 1)
 
 
 def tables_of(

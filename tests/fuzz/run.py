@@ -1,0 +1,80 @@
+"""Runs cases in workers, which are replaced when they die or hang."""
+
+from __future__ import annotations
+
+import json
+import select
+import signal
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[2]
+# How long a case may take, and a worker until it is ready: it compiles kernels [s].
+LIMITS = {"files": 20.0, "arguments": 120.0, "scenes": 120.0}
+READY = 300.0
+COMMAND = (sys.executable, "-m", "tests.fuzz.worker")
+
+
+class Found(NamedTuple):
+    """What came of a case that is not right."""
+
+    kind: str
+    number: int
+    outcome: str
+    note: str
+
+
+class Worker:
+    def __init__(self, kind: str):
+        self.process = subprocess.Popen(
+            [*COMMAND, kind], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        self.limit = LIMITS[kind]
+        if self._line(READY) is None:
+            error = self.process.stderr.read().decode(errors="replace") if self.process.poll() is not None else ""
+            raise RuntimeError(f"the worker for {kind} does not start: {error}")
+
+    def _line(self, limit: float) -> bytes | None:
+        """The next answer; None where there is none in time, or the process died."""
+        ready, _, _ = select.select([self.process.stdout], [], [], limit)
+        return (self.process.stdout.readline() or None) if ready else None
+
+    def run(self, number: int) -> tuple[str, str]:
+        """Outcome and note of a case."""
+        self.process.stdin.write(f"{number}\n".encode())
+        self.process.stdin.flush()
+        line = self._line(self.limit)
+        if line is not None:
+            note = json.loads(line)[1]
+            return (note.partition(":")[0] if note else "right"), note
+        try:
+            code = self.process.wait(timeout=1)
+        except subprocess.TimeoutExpired:
+            return "hang", f"no end within {self.limit:g} s"
+        name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        return "crash", name
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        for stream in (self.process.stdin, self.process.stdout, self.process.stderr):
+            stream.close()
+
+
+def run(kind: str, numbers: Iterable[int]) -> Iterator[Found]:
+    """Run cases of a kind; yields what came of each."""
+    worker = None
+    try:
+        for number in numbers:
+            worker = Worker(kind) if worker is None else worker
+            outcome, note = worker.run(number)
+            yield Found(kind, number, outcome, note)
+            if outcome in ("hang", "crash"):
+                worker.end()
+                worker = None
+    finally:
+        if worker is not None:
+            worker.end()

@@ -1,0 +1,360 @@
+"""Formats whose files well-kept packages write: samples, places and times are as they wrote them."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import zipfile
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from wvr.io import read
+
+from .files import FIELD, LITTLE, ORIGIN, SPACING, TURNED, check, dicom, meta, nifti, nrrd
+
+PLAIN = ((1, 1, 1), (0, 0, 0), np.eye(3))
+TIMES = np.stack([FIELD, FIELD + 1000, FIELD - 1000])
+
+
+def place() -> np.ndarray:
+    affine = np.eye(4)
+    affine[:3, :3], affine[:3, 3] = TURNED * SPACING, ORIGIN
+    return affine
+
+
+@pytest.mark.parametrize("name", ["a.nii", "a.nii.gz", "a.img"])
+def test_nifti_of_nibabel(tmp_path, name):
+    nibabel = pytest.importorskip("nibabel")
+    kind = nibabel.Nifti1Pair if name.endswith("img") else nibabel.Nifti2Image
+    nibabel.save(kind(FIELD.T, place()), tmp_path / name)
+    name = name.replace(".img", ".hdr")
+    check(read(tmp_path / name))
+    assert read(tmp_path / name).anatomical == "RAS"
+    assert {file.name for file in read(tmp_path / name).files} == ({"a.hdr", "a.img"} if "hdr" in name else {name})
+
+
+def test_header_without_its_samples(tmp_path):
+    nibabel = pytest.importorskip("nibabel")
+    nibabel.save(nibabel.Nifti1Pair(FIELD.T, place()), tmp_path / "a.img")
+    (tmp_path / "a.img").unlink()
+    with pytest.raises(FileNotFoundError, match=r"a\.img"):
+        read(tmp_path / "a.hdr")
+
+
+@pytest.mark.parametrize("name", ["a.mgh", "a.mgz"])
+def test_mgh_of_nibabel(tmp_path, name):
+    nibabel = pytest.importorskip("nibabel")
+    nibabel.save(nibabel.MGHImage(FIELD.T, place()), tmp_path / name)
+    check(read(tmp_path / name))
+    nibabel.save(nibabel.MGHImage(TIMES.T.astype(np.float32), place()), tmp_path / name)
+    check(read(tmp_path / name, frame=2), TIMES[2].astype(np.float32))
+
+
+@pytest.mark.parametrize("sform, qform", [(1, 1), (0, 1)])
+def test_nifti_with_a_zero_sform_falls_back(tmp_path, sform, qform):
+    content = bytearray(nifti(LITTLE, form="qform"))
+    content[252:256] = np.array([qform, sform], "<i2").tobytes()
+    content[280:328] = bytes(48)
+    (tmp_path / "a.nii").write_bytes(content)
+    check(read(tmp_path / "a.nii"))
+
+
+def test_mrc_of_mrcfile(tmp_path):
+    mrcfile = pytest.importorskip("mrcfile")
+    with mrcfile.new(tmp_path / "a.mrc") as file:
+        file.set_data(FIELD)
+        file.voxel_size = SPACING
+        file.header.origin = ORIGIN
+    check(read(tmp_path / "a.mrc"), direction=np.eye(3))
+    (tmp_path / "a.map.gz").write_bytes(gzip.compress((tmp_path / "a.mrc").read_bytes()))
+    check(read(tmp_path / "a.map.gz"), direction=np.eye(3))
+    content = bytearray((tmp_path / "a.mrc").read_bytes())
+    # Columns along z, rows along x, sections along y, and a start instead of an origin.
+    content[64:76] = np.array([3, 1, 2], "<i4").tobytes()
+    content[16:28] = np.array([2, 3, 4], "<i4").tobytes()
+    content[28:40] = np.array([3, 4, 5], "<i4").tobytes()
+    content[40:52] = np.array([3 * 1.5, 4 * 2.0, 5 * 3.0], "<f4").tobytes()
+    content[196:208] = bytes(12)
+    (tmp_path / "a.ccp4").write_bytes(content)
+    volume = read(tmp_path / "a.ccp4")
+    np.testing.assert_array_equal(volume.numpy(), FIELD)
+    np.testing.assert_allclose(volume.index_to_world[:3, :3], [[0, 1.5, 0], [0, 0, 2], [3, 0, 0]])
+    np.testing.assert_allclose(volume.origin, [1.5 * 3, 2 * 4, 3 * 2])
+    (tmp_path / "a.mrc").write_bytes(content[:-1])
+    with pytest.raises(OSError, match=r"a\.mrc is truncated .* 120 bytes, and holds 119"):
+        read(tmp_path / "a.mrc")
+
+
+def test_mrc_with_skewed_axes(tmp_path):
+    mrcfile = pytest.importorskip("mrcfile")
+    with mrcfile.new(tmp_path / "a.mrc") as file:
+        file.set_data(FIELD)
+        file.voxel_size = 2.0
+        file.header.cellb = (90, 90, 120)
+    steps = read(tmp_path / "a.mrc").index_to_world[:3, :3]
+    np.testing.assert_allclose(steps, [[2, -1, 0], [0, np.sqrt(3), 0], [0, 0, 2]], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"chunks": (2, 3, 2), "compression": "gzip"}, {"chunks": True, "fletcher32": True}]
+)
+def test_hdf5(tmp_path, options):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("group/volume", data=FIELD, **options)
+        file["group/volume"].attrs["element_size_um"] = SPACING[::-1]
+        file["note"] = "text"
+    check(read(tmp_path / "a.h5"), FIELD, SPACING, *PLAIN[1:])
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        file["times"] = TIMES
+    with pytest.raises(
+        ValueError, match=r"a\.h5 holds several arrays: scalars must name one of 'group/volume', 'times'"
+    ):
+        read(tmp_path / "a.h5")
+    check(read(tmp_path / "a.h5", "/times", frame=1), TIMES[1], *PLAIN)
+
+
+def test_hdf5_with_samples_elsewhere(tmp_path):
+    """Nothing is made up, and no other file is read."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "sparse.h5", "w") as file:
+        sparse = file.create_dataset("v", (1000, 1000, 1000), chunks=(10, 10, 10), dtype="u1")
+        sparse[:10, :10, :10] = 1
+    with h5py.File(tmp_path / "late.h5", "w") as file:
+        file.create_dataset("v", (1000, 1000, 1000), dtype="u1")
+    with h5py.File(tmp_path / "external.h5", "w") as file:
+        file.create_dataset("v", (4, 3, 5), "i2", external=[(str(tmp_path / "s.raw"), 0, 120)])
+    (tmp_path / "s.raw").write_bytes(LITTLE)
+    for name, what in (("sparse", "chunks are missing"), ("late", "samples are missing"), ("external", "other files")):
+        with pytest.raises(OSError, match=rf"{name}\.h5 .*{what}"):
+            read(tmp_path / f"{name}.h5")
+
+
+def test_npz(tmp_path):
+    np.savez(tmp_path / "one.npz", volume=np.asfortranarray(FIELD))
+    check(read(tmp_path / "one.npz"), FIELD, *PLAIN)
+    np.savez_compressed(tmp_path / "two.npz", a=FIELD, b=FIELD + 1)
+    check(read(tmp_path / "two.npz", "b"), FIELD + 1, *PLAIN)
+    with pytest.raises(ValueError, match=r"two\.npz holds several arrays: scalars must name one of 'a', 'b'"):
+        read(tmp_path / "two.npz")
+    with pytest.raises(ValueError, match=r"'c' is not in .*two\.npz; there are 'a', 'b'"):
+        read(tmp_path / "two.npz", "c")
+    np.save(tmp_path / "o.npy", np.array([None], object), allow_pickle=True)
+    with zipfile.ZipFile(tmp_path / "o.npz", "w") as archive:
+        archive.write(tmp_path / "o.npy", "o.npy")
+    for name in ("o.npy", "o.npz"):
+        with pytest.raises(OSError, match="Python objects"):
+            read(tmp_path / name)
+
+
+@pytest.mark.parametrize("ending, dtype", [("png", "u1"), ("png", "u2"), ("bmp", "u1"), ("jpg", "u1")])
+def test_folders_of_images(tmp_path, ending, dtype):
+    array = np.concatenate([FIELD] * 3).astype(dtype)
+    array[...] = np.arange(len(array))[:, None, None] * (20 if dtype == "u1" else 5000)  # JPEG keeps flat images
+    for k, page in enumerate(array):
+        Image.fromarray(page).save(tmp_path / f"slice{k}.{ending}")
+    check(read(tmp_path), array, *PLAIN)
+    assert len(read(tmp_path).files) == 12
+    grey = np.repeat(array[0, :, :, None].astype("u1"), 3, axis=2)
+    (tmp_path / "colours").mkdir()
+    Image.fromarray(grey).save(tmp_path / "colours" / "a.png")
+    check(read(tmp_path / "colours"), grey[None, ..., 0], *PLAIN)
+    Image.fromarray(grey + np.array([0, 1, 2], np.uint8)).save(tmp_path / "colours" / "a.png")
+    with pytest.raises(ValueError, match=r"a\.png, an image in colour, has 3 components"):
+        read(tmp_path / "colours")
+
+
+def test_images_of_two_kinds_or_sizes(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", FIELD[0])
+    Image.fromarray(FIELD[0].astype("u1")).save(tmp_path / "b.png")
+    with pytest.raises(ValueError, match="holds PNG and TIFF images"):
+        read(tmp_path)
+
+
+# --- Time -----------------------------------------------------------------------------------------------------------
+
+
+def test_times(tmp_path):
+    samples = TIMES.astype("<i2").tobytes()
+    head = nrrd(samples).replace(b"dimension: 3", b"dimension: 4")
+    first = head.replace(b"sizes: 5 3 4", b"sizes: 3 5 3 4\nkinds: list space space space")
+    first = first.replace(b"directions: ", b"directions: none ")
+    first = first[: -len(samples)] + np.moveaxis(TIMES, 0, -1).astype("<i2").tobytes()
+    last = head.replace(b"sizes: 5 3 4", b"sizes: 5 3 4 3\nkinds: space space space time")
+    last = last.replace(b"(0,0,3)\n", b"(0,0,3) none\n")
+    space = head.replace(b"sizes: 5 3 4", b"sizes: 5 3 4 3").replace(b"superior\n", b"superior-time\n")
+    space = space.replace(b"(0,1.5,0) (-2,0,0) (0,0,3)", b"(0,1.5,0,0) (-2,0,0,0) (0,0,3,0) (0,0,0,1)")
+    space = space.replace(b"(10,20,30)", b"(10,20,30,0)")
+    four = meta(samples).replace(b"NDims = 3", b"NDims = 4").replace(b"5 3 4", b"5 3 4 3")
+    four = four.replace(b"1.5 2 3", b"1.5 2 3 1").replace(b"10 20 30", b"10 20 30 0")
+    four = four.replace(b"0 1 0 -1 0 0 0 0 1", b"0 1 0 0 -1 0 0 0 0 0 1 0 0 0 0 1")
+    for name, content in {
+        "first.nrrd": first,
+        "last.nrrd": last,
+        "space.nrrd": space,
+        "a.mha": four,
+        "a.nii": nifti(samples, dims=(4, 5, 3, 4, 3)),
+    }.items():
+        path = tmp_path / name
+        path.write_bytes(content)
+        for time in range(3):
+            check(read(path, frame=time), TIMES[time])
+        with pytest.raises(ValueError, match=r"holds 3 volumes \(time\): pick one with frame=, from 0 to 2"):
+            read(path)
+        for wrong in (3, -1, 1.0, True):
+            with pytest.raises(ValueError, match="frame must be an integer from 0 to 2"):
+                read(path, frame=wrong)
+
+
+def test_times_of_plain_arrays_and_tiff(tmp_path):
+    np.save(tmp_path / "a.npy", TIMES)
+    check(read(tmp_path / "a.npy", frame=1), TIMES[1], *PLAIN)
+    array = TIMES.astype(np.uint16)
+    tifffile.imwrite(tmp_path / "a.tif", array, imagej=True, metadata={"axes": "TZYX"})
+    check(read(tmp_path / "a.tif", frame=2), array[2], *PLAIN)
+    tifffile.imwrite(tmp_path / "b.ome.tif", array, metadata={"axes": "TZYX"})
+    check(read(tmp_path / "b.ome.tif", frame=0), array[0], *PLAIN)
+    np.save(tmp_path / "b.npy", FIELD)
+    check(read(tmp_path / "b.npy", frame=0), FIELD, *PLAIN)
+    with pytest.raises(ValueError, match="frame must be 0 or None for one volume"):
+        read(tmp_path / "b.npy", frame=1)
+
+
+# --- DICOM ----------------------------------------------------------------------------------------------------------
+
+
+def test_dicom_series_in_time(tmp_path):
+    for time in range(3):
+        for k in range(4):
+            dicom(tmp_path / f"{time}{k}", TIMES[time, k], (10, 20, 30 + 3 * k), number=4 * time + k)
+    for time in range(3):
+        check(read(tmp_path, frame=time), TIMES[time])
+    (tmp_path / "12").unlink()
+    with pytest.raises(ValueError, match="2 DICOM slices at the place of 02, 3 at that of 00: some are missing"):
+        read(tmp_path)
+
+
+def test_dicom_by_content(tmp_path):
+    """Under any name, below a folder with nothing but a directory of it, without a suffix."""
+    nested = tmp_path / "PAT0" / "ST0"
+    nested.mkdir(parents=True)
+    for k in range(4):
+        dicom(nested / f"IM000{k}", FIELD[k], (10, 20, 30 + 3 * k), number=k)
+    (tmp_path / "DICOMDIR").write_bytes(bytes(128) + b"DICM" + bytes(50))
+    check(read(tmp_path))
+    check(read(nested / "IM0002"), FIELD[2:3], spacing=(1.5, 2, 99), origin=(10, 20, 36))
+    assert read(tmp_path).anatomical == "LPS"
+
+
+def test_dicom_noise_of_orientations_is_none(tmp_path):
+    for k in range(4):
+        noise = 1e-5 * (-1) ** k
+        dicom(tmp_path / str(k), FIELD[k], (10, 20, 30 + 3 * k), orientation=(noise, 1, -2e-10, -1, 0, noise))
+    volume = read(tmp_path)
+    np.testing.assert_allclose(volume.direction, TURNED, atol=1e-4)
+    dicom(tmp_path / "3", FIELD[3], (10, 20, 39), orientation=(0.01, 1, 0, -1, 0.01, 0))
+    with pytest.raises(ValueError, match=r"different orientation: 3 has \[.*\], 0 "):
+        read(tmp_path)
+    dicom(tmp_path / "3", FIELD[3, :2], (10, 20, 39))
+    with pytest.raises(ValueError, match=r"different size: 3 has \(2, 5\) samples, 0 \(3, 5\)"):
+        read(tmp_path)
+
+
+def test_dicom_gap_is_named(tmp_path):
+    for k in (0, 1, 2, 4, 5):
+        dicom(tmp_path / str(k), FIELD[0], (10, 20, 30 + 3 * k))
+    with pytest.raises(ValueError, match="from 2 to 4 it is 6 mm, elsewhere 3 mm"):
+        read(tmp_path)
+
+
+def edited(path, **fields):
+    pydicom = pytest.importorskip("pydicom")
+    data = pydicom.dcmread(path)
+    for name, value in fields.items():
+        setattr(data, name, value)
+    data.save_as(path)
+
+
+def test_dicom_values_are_in_the_units_stated(tmp_path):
+    path = tmp_path / "a.dcm"
+    dicom(path, FIELD[0], ORIGIN)
+    edited(path, RescaleSlope=None, RescaleIntercept=None)
+    check(read(path), FIELD[:1], spacing=(1.5, 2, 99))
+    edited(path, DoseGridScaling="1e-6")
+    np.testing.assert_allclose(read(path).numpy(), FIELD[:1] * 1e-6, rtol=1e-6)
+
+
+@pytest.mark.parametrize("offsets", [[0, 3, 6, 9], [30, 33, 36, 39]])
+def test_dicom_of_several_frames(tmp_path, offsets):
+    path = tmp_path / "a.dcm"
+    dicom(path, FIELD[0], ORIGIN)
+    edited(path, NumberOfFrames=4, PixelData=LITTLE, GridFrameOffsetVector=offsets)
+    check(read(path))
+    edited(path, FrameIncrementPointer=0x00181063)
+    check(read(path, frame=3), FIELD[3:4], spacing=(1.5, 2, 99))
+
+
+def test_enhanced_dicom(tmp_path):
+    pydicom = pytest.importorskip("pydicom")
+
+    def item(**fields):
+        found = pydicom.Dataset()
+        for name, value in fields.items():
+            setattr(found, name, value)
+        return pydicom.Sequence([found])
+
+    path = tmp_path / "a.dcm"
+    dicom(path, FIELD[0], (0, 0, 0))
+    frames = [
+        item(
+            PlanePositionSequence=item(ImagePositionPatient=[10, 20, 30 + 3 * k]),
+            PixelValueTransformationSequence=item(RescaleSlope=2, RescaleIntercept=k),
+        )[0]
+        for k in (3, 2, 1, 0)
+    ]
+    shared = item(
+        PixelMeasuresSequence=item(PixelSpacing=[2, 1.5], SliceThickness=99),
+        PlaneOrientationSequence=item(ImageOrientationPatient=[0, 1, 0, -1, 0, 0]),
+    )
+    fields = {"SharedFunctionalGroupsSequence": shared, "PerFrameFunctionalGroupsSequence": pydicom.Sequence(frames)}
+    edited(path, NumberOfFrames=4, PixelData=FIELD[::-1].tobytes(), **fields)
+    check(read(path), 2 * FIELD + np.arange(4)[:, None, None].astype(np.int16))
+
+
+def test_dicom_whose_codec_is_not_there(tmp_path, monkeypatch):
+    pydicom = pytest.importorskip("pydicom")
+    path = tmp_path / "a.dcm"
+    dicom(path, FIELD[0], ORIGIN)
+    data = pydicom.dcmread(path)
+    data.file_meta.TransferSyntaxUID = pydicom.uid.JPEGLSLossless
+    data.PixelData = pydicom.encaps.encapsulate([b"\xff\xd8" + bytes(100)])
+    data["PixelData"].is_undefined_length = True
+    data.save_as(path)
+    from pydicom.pixels.decoders import JPEGLSLosslessDecoder
+
+    monkeypatch.setattr(JPEGLSLosslessDecoder, "_available", {})
+    with pytest.raises(ImportError, match=r"a\.dcm is compressed \(JPEG-LS Lossless.*pip install 'wvr\[dicom\]'"):
+        read(path)
+
+
+def test_dicom_in_jpeg_2000(tmp_path):
+    """Also with a box without a length, at which pydicom would look for ever."""
+    pydicom = pytest.importorskip("pydicom")
+    path, pixels, encoded = tmp_path / "a.dcm", FIELD[0].astype(np.uint8), io.BytesIO()
+    Image.fromarray(pixels).save(encoded, "JPEG2000")
+    dicom(path, pixels, ORIGIN)
+    data = pydicom.dcmread(path)
+    data.file_meta.TransferSyntaxUID = pydicom.uid.JPEG2000Lossless
+    frame = encoded.getvalue()
+    box = frame.index(b"ftyp") - 4
+    for content in (frame, frame[:box] + bytes(4) + frame[box + 4 :]):
+        data.PixelData = pydicom.encaps.encapsulate([content])
+        data["PixelData"].is_undefined_length = True
+        data.save_as(path)
+        if content == frame:
+            check(read(path), pixels[None], spacing=(1.5, 2, 99))
+    with pytest.raises(OSError, match=r"a\.dcm .*a box of its JPEG 2000 is 0 bytes long"):
+        read(path)

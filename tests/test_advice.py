@@ -1,0 +1,48 @@
+"""Warnings where an image shows nothing: with the ranges of both, and what would help."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import wvr
+
+ARRAY = np.zeros((8, 8, 8), np.uint8)
+ARRAY[2:6, 2:6, 2:6] = 200
+VOLUME = wvr.Volume(ARRAY)
+
+
+def rendered(points, camera=None):
+    tf = wvr.TransferFunction(points)
+    camera = wvr.Camera.fit(VOLUME) if camera is None else camera
+    return wvr.render(VOLUME, tf, camera, (8, 8), integrator=wvr.Riemann(0.5), device="cpu")
+
+
+@pytest.mark.parametrize(
+    "points, message",
+    [
+        ([(300, "red", 0), (400, "red", 1)], "from 0 to 200, .* from 300 to inf; give it .* opacity among them"),
+        ([(-9, "red", 1), (-5, "red", 0)], "from 0 to 200, .* from -inf to -5; give it .* opacity among them"),
+        ([(0, "red", 0), (255, "red", 0)], "it has no opacity at all; give it"),
+        ([(0, "red", 0), (255, "red", 1e-5)], "raise opacities, or make unit_distance smaller"),
+        ([(-1024, "red", 0), (3000, "red", 1)], "from 0 to 200, a small part .* from -1024 to 3000.*domain"),
+    ],
+)
+def test_nothing_to_see(points, message):
+    with pytest.warns(UserWarning, match=message) as caught:
+        rendered(points)
+    assert caught[0].filename == __file__
+
+
+def test_nothing_in_view():
+    with pytest.warns(UserWarning, match="no ray meets any of it"):
+        rendered([(0, "red", 0), (255, "red", 0.5)], wvr.Camera((100, 0, 0), (200, 0, 0)))
+
+
+def test_something_to_see():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rendered([(0, "red", 0), (255, "red", 0.5)])
+        rendered([(150, "red", 0), (199, "red", 0.5), (201, "blue", 0)])

@@ -1,0 +1,84 @@
+"""Compiled kernels that are damaged or cannot be kept: right images, or an error that says so; the process lives on."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import warp as wp
+
+# A process that squares 3, by a kernel as small as can be.
+SQUARE = """
+import os, sys
+import numpy as np, warp as wp
+from wvr.launch import get_device, launch
+
+@wp.kernel(module="unique")
+def square(base: int, values: wp.array(dtype=float)):
+    i = base + wp.tid()
+    values[i] = values[i] * values[i]
+
+if "full" in sys.argv:
+    def full(*_):
+        raise OSError(28, "No space left on device")
+    os.posix_fallocate = full
+device = get_device("cpu")
+values = wp.array(np.array([3.0], np.float32), device=device)
+launch(square, 1, [values], device)
+print(values.numpy()[0])
+"""
+
+
+@pytest.fixture(scope="module")
+def script(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("script") / "square.py"
+    path.write_text(SQUARE)
+    return path
+
+
+def run(script: Path, cache: Path, *arguments: str) -> subprocess.CompletedProcess:
+    environment = os.environ | {"WARP_CACHE_PATH": str(cache), "PYTHONPATH": str(Path(__file__).parents[1])}
+    return subprocess.run(
+        [sys.executable, script, *arguments], env=environment, capture_output=True, text=True, timeout=120
+    )
+
+
+def compiled(cache: Path, ending: str) -> Path:
+    (found,) = (cache / wp.config.version).glob(f"wp_*/*{ending}")
+    return found
+
+
+def test_damaged_kernels_are_compiled_anew(script, tmp_path):
+    assert run(script, tmp_path).stdout == "9.0\n"
+    binary = compiled(tmp_path, ".o")
+    made = binary.stat().st_mtime_ns
+    assert run(script, tmp_path).stdout == "9.0\n"
+    assert binary.stat().st_mtime_ns == made  # not compiled again
+    whole = binary.read_bytes()
+    damages = {
+        "zeros": lambda: binary.write_bytes(whole[:100] + bytes(len(whole) - 100)),
+        "meta": lambda: compiled(tmp_path, ".meta").write_text("{"),
+        "unsealed": lambda: (binary.write_bytes(b""), compiled(tmp_path, "seal.json").unlink()),
+    }
+    for name, damage in damages.items():
+        damage()
+        result = run(script, tmp_path)
+        assert result.stdout == "9.0\n" and result.returncode == 0, (name, result.stderr)
+    assert len(binary.read_bytes()) == len(whole)
+
+
+def test_kernels_that_cannot_be_kept_are_compiled_elsewhere(script, tmp_path):
+    (tmp_path / "file").write_text("")
+    result = run(script, tmp_path / "file" / "below")
+    assert result.stdout == "9.0\n"
+    assert "kernels cannot be kept in" in result.stderr and "WARP_CACHE_PATH" in result.stderr
+
+
+@pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="the system has no way to ask for space")
+def test_no_space_for_kernels_is_an_error(script, tmp_path):
+    result = run(script, tmp_path, "full")
+    assert result.returncode == 1 and result.stdout == ""
+    assert "OSError: kernels can be compiled neither into" in result.stderr and "No space left" in result.stderr

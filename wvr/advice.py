@@ -1,0 +1,60 @@
+"""Warnings where an image shows nothing, or one end of a transfer function alone: what does not fit, and what would."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from .image import Image
+from .scene import Scene
+from .transfer_function import TransferFunction
+
+# Opacity of which no pixel of 8 bits shows a trace.
+FAINT = 1 / 255
+# A smaller part of a transfer function than is ever meant: it is for other scalars.
+NARROW = 1 / 15
+
+
+def advise(scene: Scene, image: Image) -> None:
+    """Warn where there is nothing to see in an image, or the scalars are a small part of the transfer function's."""
+    low, high = scene.volume.range
+    data = f"the volume's scalars {f'go from {low:g} to {high:g}' if low < high else f'are all {low:g}'}"
+    shown = [span for span in map(_shown, scene.functions) if span is not None]
+    most = float(image.rgba[..., 3].max())
+    if most < FAINT:
+        begin, end = min((a for a, _ in shown), default=0.0), max((b for _, b in shown), default=0.0)
+        opaque = f"the transfer function has opacity from {begin:g} to {end:g}" if shown else "it has no opacity at all"
+        if not shown or end < low or begin > high:
+            advice = "give it control points with opacity among them, or a preset that domain"
+        elif not image.samples.any():
+            advice = "no ray meets any of it: see that the camera looks at the volume (Camera.fit) and clips leave it"
+        else:
+            advice = "raise opacities, or make unit_distance smaller"
+        _warn(f"nothing is visible (the largest opacity is {most:.2g}): {data}, {opaque}; {advice}")
+    elif scene.segmentation is None:
+        tf = scene.functions[0]
+        first, last = float(tf.knots[0]), float(tf.knots[-1])
+        varies = bool(np.ptp(tf.opacities) or np.ptp(tf.colors, axis=0).any())
+        if varies and low < high and min(high, last) - max(low, first) < NARROW * (last - first):
+            _warn(
+                f"{data}, a small part of the transfer function's, from {first:g} to {last:g}, so that all looks much "
+                f"the same: if it is for others, such as Hounsfield units, pass it domain=({low:g}, {high:g})"
+            )
+
+
+def _shown(tf: TransferFunction) -> tuple[float, float] | None:
+    """The first and last scalar with any opacity."""
+    opaque = np.flatnonzero(tf.opacities)
+    if not len(opaque):
+        return None
+    first, last = max(opaque[0] - 1, 0), min(opaque[-1] + 1, len(tf.knots) - 1)
+    # The ends go on to all scalars beyond them.
+    below = -np.inf if opaque[0] == 0 else float(tf.knots[first])
+    above = np.inf if opaque[-1] == len(tf.knots) - 1 else float(tf.knots[last])
+    return below, above
+
+
+def _warn(message: str) -> None:
+    # Of the line that called wvr.render or Renderer.render.
+    warnings.warn(message, UserWarning, stacklevel=6)

@@ -1,0 +1,27 @@
+"""How much memory is free."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import warp as wp
+
+
+def free_memory(device: wp.Device) -> float:
+    """Bytes that can still be taken on a device."""
+    return device.free_memory if device.is_cuda else free_host_memory()
+
+
+def free_host_memory() -> float:
+    """Bytes that can be taken without swapping."""
+    try:
+        # What the system can give back counts as free, unlike in sysconf.
+        text = Path("/proc/meminfo").read_text(encoding="ascii")
+        return 1024.0 * int(text.partition("MemAvailable:")[2].split()[0])
+    except (OSError, ValueError, IndexError):
+        pass
+    try:
+        return float(os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, ValueError, OSError):
+        return float("inf")
