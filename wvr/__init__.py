@@ -16,6 +16,7 @@ from .light.lights import DirectionalLight, Headlight
 from .light.shadows import ConvolutionShadows
 from .renderer import Renderer, render
 from .scattering import single_scattering
+from .sources import as_volume
 from .transfer.preintegration import preintegrate
 from .transfer.table import Table
 from .transfer_function import TransferFunction
@@ -47,6 +48,7 @@ __all__ = [
     "Table",
     "TransferFunction",
     "Volume",
+    "as_volume",
     "compare",
     "datasets",
     "enclose",

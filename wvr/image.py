@@ -51,7 +51,7 @@ class Image:
         for name, array in (("samples", samples), ("error_bound", error_bound)):
             if array is not None and array.shape != rgba.shape[:2]:
                 raise ValueError(f"{name} must have the shape {rgba.shape[:2]} of rgba, got {array.shape}")
-        if background is not None:
+        if background is not None and background != "transparent":
             linear_rgb(background, "background")
         self.rgba = rgba
         self.samples = samples

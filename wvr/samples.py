@@ -13,12 +13,15 @@ NanPolicy = Literal["error", "transparent"]
 
 
 class Grid(NamedTuple):
-    """What a file holds: ``array[z, y, x]``, the world steps along x, y, z as columns, the first sample's position."""
+    """What a file holds: ``array[z, y, x]``, the world steps along x, y, z as columns, the first sample's position.
+
+    ``anatomical`` is as of :class:`wvr.Volume`.
+    """
 
     array: NDArray
     steps: NDArray[np.float64]
     origin: NDArray[np.float64]
-    anatomical: bool = False
+    anatomical: str = ""
 
 
 def narrowed(array: NDArray) -> NDArray:

@@ -55,7 +55,7 @@ def _grid(path: Path, files: list[Path]) -> Grid:
         raise ValueError(f"{path} holds DICOM slices that are not evenly spaced: some are missing or doubled")
     down, across = (float(v) for v in first.get("PixelSpacing", (1.0, 1.0)))
     steps = np.stack([row * across, column * down, step], axis=1)
-    return Grid(np.stack([slices[k].array for k in order]), steps, place[order[0]], anatomical=True)
+    return Grid(np.stack([slices[k].array for k in order]), steps, place[order[0]], anatomical="LPS")
 
 
 class _Slice(NamedTuple):

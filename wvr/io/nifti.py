@@ -58,7 +58,7 @@ def read_nifti(path: Path) -> Grid:
         # A slope of 0 or NaN means none.
         slope, intercept = (float(head["slope"]), float(head["intercept"])) if head["slope"] else (1.0, 0.0)
         array = rescaled(array, slope, intercept) if np.isfinite(slope) else array
-        return Grid(array, *_place(head), anatomical=True)
+        return Grid(array, *_place(head), anatomical="RAS")
 
 
 def _header(content: bytes) -> tuple[Any, Literal["<", ">"]]:

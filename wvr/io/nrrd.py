@@ -57,7 +57,7 @@ def read_nrrd(path: Path) -> Grid:
         data = memoryview(_data_file(path, head["data file"]).read_bytes())
     with corrupt(path):
         shape = [n for n, is_spatial in zip(sizes, spatial, strict=True) if is_spatial][::-1]
-        return Grid(_samples_of(head, data, dtype, shape), *_place(head, spatial), "space" in head)
+        return Grid(_samples_of(head, data, dtype, shape), *_place(head, spatial), _anatomical(head))
 
 
 def _parts(content: bytes) -> tuple[dict[str, str], memoryview]:
@@ -104,6 +104,14 @@ def _samples_of(head: dict[str, str], data: Any, dtype: np.dtype, shape: Sequenc
         data = data[-int(np.prod(shape)) * dtype.itemsize :]
     # For compressed data the format counts the skipped bytes after decompression.
     return samples(memoryview(DECODERS[encoding](data))[max(skip, 0) :], dtype, shape)
+
+
+def _anatomical(head: dict[str, str]) -> str:
+    """The patient's directions that the axes of the space run to, of ``left-posterior-superior`` as of ``LPS``."""
+    space = head.get("space", "").strip('"').upper()
+    letters = "".join(word[:1] for word in space.split("-")) if "-" in space else space[:3]
+    pairs = ("LR", "PA", "SI")
+    return letters if len(letters) == 3 and all(sum(c in pair for c in letters) == 1 for pair in pairs) else ""
 
 
 def _place(head: dict[str, str], spatial: list[bool]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
