@@ -237,8 +237,8 @@ def lighting_of(given: LightingLike | None, surfaces: bool, camera: Camera) -> L
 def studio(camera: Camera) -> Lighting:
     """A light above the photographer's left shoulder, and a weak one at the camera."""
     right, up, forward = camera.basis()
-    key = DirectionalLight(tuple((-forward + 0.8 * up - 0.6 * right).tolist()), (0.9, 0.9, 0.9))
-    return Lighting(light=(key, Headlight((0.35, 0.35, 0.35))), ambient=0.25, diffuse=0.75, specular=0.2)
+    key = DirectionalLight(tuple((-forward + 0.8 * up - 0.6 * right).tolist()), (0.85, 0.85, 0.85))
+    return Lighting(light=(key, Headlight((0.25, 0.25, 0.25))), ambient=0.22, diffuse=0.78, specular=0.2)
 
 
 

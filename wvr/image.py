@@ -7,17 +7,27 @@ from collections.abc import Callable, Sequence
 from io import BytesIO
 from operator import index
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .color import linear_rgb, linear_to_srgb
+from .display import Shown, plot
 from .files import known_suffix, whole_file
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Backends of Matplotlib that only write files.
+WITHOUT_DISPLAY = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
 
 
 class Image:
-    """What a render returns. ``numpy.asarray(image)`` is its ``rgba``; notebooks show it.
+    """What a render returns; notebooks show it.
+
+    ``numpy.asarray(image)`` is its ``rgba``, linear and premultiplied: arithmetic on light is done with that, and
+    ``to_uint8()`` is what screens show.
 
     Parameters
     ----------
@@ -35,6 +45,8 @@ class Image:
         the default, leaves them transparent. ``rgba`` never has it.
     tracer
         What :meth:`trace` calls; None where the method has no steps to tell.
+    shown
+        What it is an image of, for :meth:`plot` to draw around it; None where that is not known.
     """
 
     def __init__(
@@ -45,6 +57,7 @@ class Image:
         stats: dict[str, Any] | None = None,
         background: str | Sequence[float] | None = None,
         tracer: Callable[[int, int], NDArray[np.void]] | None = None,
+        shown: Shown | None = None,
     ):
         if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.dtype not in (np.float32, np.float64):
             raise ValueError(f"rgba must be float32 or float64 (height, width, 4), got {rgba.dtype} {rgba.shape}")
@@ -58,6 +71,7 @@ class Image:
         self.error_bound = error_bound
         self.stats = {} if stats is None else stats
         self.background = background
+        self.shown = shown
         self._tracer = tracer
 
     @property
@@ -132,16 +146,60 @@ class Image:
         straight = np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0)
         return _quantised(np.concatenate([linear_to_srgb(straight), alpha], axis=-1))
 
+    def plot(self, ax: Axes | None = None, scalar_bar: bool = True, axes: bool = True, outline: bool = False) -> Axes:
+        """Draw the image with Matplotlib, as screens want it.
+
+        ``plt.imshow(image)`` would show linear colours as if they were sRGB: too dark.
+
+        Parameters
+        ----------
+        ax
+            Where to; by default a new figure of its size.
+        scalar_bar
+            With the colours of the transfer function, over the scalars that there are.
+        axes
+            With the directions of the world's x, y and z, of a patient's where the file says them.
+        outline
+            With the edges of the volume's box.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            In pixels, the centre of the first at (0, 0).
+        """
+        return plot(self, ax, scalar_bar, axes, outline)
+
+    def show(self) -> None:
+        """Show it in a window (Matplotlib's), with a scalar bar and the world's axes; in a notebook below the cell.
+
+        Raises
+        ------
+        RuntimeError
+            Where there is no display.
+        """
+        import matplotlib
+        import matplotlib.pyplot as plt
+
+        backend = matplotlib.get_backend()
+        if backend.lower() in WITHOUT_DISPLAY:
+            raise RuntimeError(
+                f"show needs a display, Matplotlib has none (backend {backend}): use image.save('image.png'), or "
+                f"image.plot() and its figure's savefig"
+            )
+        self.plot()
+        plt.show()
+
     def save(self, path: str | os.PathLike[str], background: str | Sequence[float] | None = None) -> None:
         """Write the image; the file appears whole or not at all.
 
         Parameters
         ----------
         path
-            The extension, in any case, says what is written: ``.png`` sRGB, 8 bits; the others the linear premultiplied
-            floats: ``.exr`` float32 R, G, B, A; ``.tif``, ``.tiff`` and ``.npy`` in the precision of ``rgba``.
+            The extension, in any case, says what is written: ``.png``, ``.jpg`` and ``.jpeg`` sRGB, 8 bits; the others
+            the linear premultiplied floats: ``.exr`` float32 R, G, B, A; ``.tif``, ``.tiff`` and ``.npy`` in the
+            precision of ``rgba``.
         background
-            For PNG only, as for :meth:`to_uint8`.
+            For PNG and JPEG only, as for :meth:`to_uint8`; a JPEG cannot be transparent and is white by default.
 
         Raises
         ------
@@ -151,11 +209,16 @@ class Image:
             Where the file cannot be written; ``FileNotFoundError`` where its folder does not exist.
         """
         path = Path(path)
-        suffix = known_suffix(path, (".png", *FLOAT_WRITERS))
-        if suffix == ".png":
+        suffix = known_suffix(path, (*PIXEL_WRITERS, *FLOAT_WRITERS))
+        if suffix in PIXEL_WRITERS:
+            background = self.background if background is None else background
+            if suffix != ".png":
+                if background == "transparent":
+                    raise ValueError(f'background must be a colour for {suffix}, which is opaque, got "transparent"')
+                background = "white" if background is None else background
             pixels = self.to_uint8(background)
             with whole_file(path) as file:
-                _write_png(file, pixels)
+                PIXEL_WRITERS[suffix](file, pixels)
         elif background is not None:
             raise ValueError(
                 f"background must be None for {suffix}, which keeps linear RGBA, got {background!r}; "
@@ -202,6 +265,12 @@ def _write_png(file: BinaryIO, pixels: NDArray[np.uint8]) -> None:
     PillowImage.fromarray(pixels).save(file, "PNG", pnginfo=info)
 
 
+def _write_jpeg(file: BinaryIO, pixels: NDArray[np.uint8]) -> None:
+    from PIL import Image as PillowImage
+
+    PillowImage.fromarray(pixels).save(file, "JPEG", quality=95, subsampling=0)
+
+
 def _write_exr(file: BinaryIO, rgba: NDArray[np.floating]) -> None:
     import OpenEXR
 
@@ -219,6 +288,11 @@ def _write_tiff(file: BinaryIO, rgba: NDArray[np.floating]) -> None:
     tifffile.imwrite(file, rgba, photometric="rgb", extrasamples=["assocalpha"], metadata=None, software="wvr")
 
 
+PIXEL_WRITERS: dict[str, Callable[[BinaryIO, NDArray[np.uint8]], None]] = {
+    ".png": _write_png,
+    ".jpg": _write_jpeg,
+    ".jpeg": _write_jpeg,
+}
 FLOAT_WRITERS: dict[str, Callable[[BinaryIO, NDArray[np.floating]], None]] = {
     ".exr": _write_exr,
     ".tif": _write_tiff,

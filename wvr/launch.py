@@ -7,7 +7,6 @@ do not depend on how.
 
 from __future__ import annotations
 
-import logging
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -24,8 +23,7 @@ import numpy as np
 import warp as wp
 
 from .kernels.ray import TILE, tiles
-
-log = logging.getLogger("wvr")
+from .notices import announce
 
 # More strips than threads, so that strips of uneven cost balance.
 STRIPS_PER_THREAD = 16
@@ -360,5 +358,6 @@ def _load(kernel: wp.Kernel, alias: str) -> None:
     block_dim = 1 if device.is_cpu else kernel.module.options["block_dim"]
     with wp.ScopedLogLevel(wp.LOG_WARNING):
         if not (Path(wp.config.kernel_cache_dir) / kernel.module.get_module_identifier(block_dim)).is_dir():
-            log.info("compiling the kernel %s for %s (once; a few seconds)", kernel.key.rpartition("__")[2], alias)
+            name = kernel.key.rpartition("__")[2]
+            announce("compiling the kernel %s for %s (once; a few seconds; wvr.warm_up does it ahead)", name, alias)
         kernel.module.load(device, block_dim)

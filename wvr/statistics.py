@@ -116,6 +116,13 @@ class Statistics:
         return float(np.median(rim[near])) if near.mean() >= RIM else None
 
     @cached_property
+    def noise(self) -> float:
+        """Standard deviation of the background, as of a normal distribution by its median; 0 without one."""
+        if self.background is None:
+            return 0.0
+        return 1.4826 * float(np.median(np.abs(self.rim - self.background)))
+
+    @cached_property
     def kind(self) -> Kind:
         """Labels (or a mask), CT in Hounsfield units, an object that is surrounded by nothing, or a field."""
         if len(self.levels) >= 2 and self._alike() >= ALIKE:

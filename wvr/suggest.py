@@ -18,8 +18,12 @@ from .volume import Volume
 # than solid ones.
 FRACTIONS = np.array([0.05, 0.25, 0.5, 0.8])
 SHARES = np.array([0.02, 0.4, 0.8, 0.97])
-DEPTHS = np.array([0.4, 1.2, 2.5, 4.0])
+DEPTHS = np.array([0.3, 1.2, 2.5, 4.0])
 MAX_OPACITY = 0.9
+# A part of the range without samples that separates an object from its background.
+GAP = 0.1
+# Depth of a label, and of one that is more than this part of all, in which others may lie.
+SOLID, VEIL, LARGE = 8.0, 0.8, 0.4
 # Part of the samples that must be far below a background, and as many far above, for both to be shown.
 AROUND = 0.02
 
@@ -32,11 +36,11 @@ SURFACE_COLORS = ["#4f7fc0", "#e0952f", "#fff0d0"]
 COLD, HOT = ["#4f74e0", "#3fa9e0", "#86e2ea", "#ecffff"], ["#c9405f", "#ea6a3c", "#f7b548", "#fff6c8"]
 # Of labels: distinguishable next to each other (Matplotlib's tab10, brighter), then around the circle of hues.
 LABEL_COLORS = ["#e4572e", "#4c9be8", "#7bc950", "#f3c13a", "#b57edc", "#2ec4b6", "#f78fb3", "#c8a27c", "#9aa5b1"]
-# Scalars of tissues [HU] and the depths of what is between them: fat and skin, soft tissue, contrast medium and
-# cancellous bone, cortical bone.
+# Scalars of tissues [HU], and the depths of fat, skin and soft tissue, of contrast medium and cancellous bone, and of
+# bone.
 TISSUES = [-450.0, -150.0, 130.0, 350.0, 900.0]
 TISSUE_COLORS = ["#b5764a", "#c98a62", "#b8402f", "#e3b57c", "#fff6e6"]
-TISSUE_DEPTHS = [0.3, 0.3, 2.0, 4.0]
+TISSUE_DEPTHS = [0.5, 2.0, 5.0]
 
 
 class Suggestion(NamedTuple):
@@ -69,16 +73,20 @@ def _labels(found: Statistics) -> Suggestion:
     colors = _label_colors(len(shown))
     if len(shown) == 1:
         colors = ["#e9dcc0"]
-    chord = _mean_chord(found.samples != background, found.lengths)
-    opacity = float(np.minimum(-np.expm1(-8.0 / max(chord, 1.0)), MAX_OPACITY))
+    seen = found.samples != background
     points = []
     for i, level in enumerate(levels):
         # A label's samples, and half the way to the next: surfaces are where trilinear values cross it.
         below = (levels[i - 1] + level) / 2 if i else level - 0.5
         above = (level + levels[i + 1]) / 2 if i + 1 < len(levels) else level + 0.5
-        color = "black" if level == background else colors[shown.index(level)]
-        seen = 0.0 if level == background else opacity
-        points += [(below, color, seen), (above, color, seen)]
+        color, opacity = "black", 0.0
+        if level != background:
+            own = found.samples == level
+            veils = len(shown) > 1 and own.sum() > LARGE * seen.sum()
+            chord = _mean_chord(own, found.lengths)
+            color = colors[shown.index(level)]
+            opacity = float(min(-np.expm1(-(VEIL if veils else SOLID) / max(chord, 1.0)), MAX_OPACITY))
+        points += [(below, color, opacity), (above, color, opacity)]
     return Suggestion("labels", {"labels": TransferFunction(points), **_bands(found)}, True)
 
 
@@ -93,12 +101,13 @@ def _label_colors(count: int) -> list[str]:
 def _tissues(found: Statistics) -> Suggestion:
     """CT in Hounsfield units: skin and soft tissue as a veil, bone and contrast medium solid."""
     samples = found.samples
-    opacities = [
-        _opacity(samples, lower, upper, depth, found.lengths)
-        for lower, upper, depth in zip(TISSUES, [*TISSUES[1:-1], np.inf], TISSUE_DEPTHS, strict=False)
-    ]
+    bounds = [(TISSUES[0], TISSUES[2]), (TISSUES[2], TISSUES[3]), (TISSUES[3], np.inf)]
+    veil, vessels, bone = (
+        _opacity(samples, *band, depth, found.lengths) for band, depth in zip(bounds, TISSUE_DEPTHS, strict=True)
+    )
+    opacities = [veil, veil, max(veil, min(vessels, 0.3)), max(veil, bone)]
     points = [(TISSUES[0], TISSUE_COLORS[0], 0.0)]
-    points += list(zip(TISSUES[1:], TISSUE_COLORS[1:], np.maximum.accumulate(opacities), strict=True))
+    points += list(zip(TISSUES[1:], TISSUE_COLORS[1:], opacities, strict=True))
     return Suggestion("ct", {"tissues": TransferFunction(points), **_bands(found)}, True)
 
 
@@ -106,8 +115,9 @@ def _object(found: Statistics) -> Suggestion:
     """What differs from the background of the rim."""
     start, (lo, hi) = found.background, found.span
     assert start is not None
-    beside = 0.1 * (hi - lo)
-    if min(np.mean(found.finite < start - beside), np.mean(found.finite > start + beside)) > AROUND:
+    beside = max(0.1 * (hi - lo), 5 * found.noise)
+    around = min(np.mean(found.finite < start - beside), np.mean(found.finite > start + beside)) > AROUND
+    if around or (found.padding is not None and not found.volume.whole):
         return _field(found, start)
     functions = _bands(found)
     knots = next(iter(functions.values())).knots
@@ -229,7 +239,9 @@ def _foreground(
     x, y = ends[: last + 1], np.log(falling[: last + 1])
     knee = np.argmin((x - x[0]) / ((x[-1] - x[0]) or 1.0) - (y[-1] - y) / ((y[0] - y[-1]) or 1.0))
     low = ends[falling < 0.005 * falling[0]]
-    start = min(ends[knee], *low[:1], max(np.quantile(finite, 0.92), ends[0]))
+    # What lies apart from the background is no noise of it.
+    apart = ends[:-1][np.diff(edges[filled]) > GAP * (edges[-1] - edges[0])]
+    start = min(ends[knee], *low[:1], *apart[:1], max(np.quantile(finite, 0.92), ends[0]))
     bin_width = edges[1] - edges[0]
     beyond = finite[finite > start]
     end = np.quantile(beyond, 0.999) if beyond.size else start

@@ -78,6 +78,14 @@ def of_patient(vector: tuple[float, ...], axes: str) -> Floats:
     return np.array([towards[letter] for letter in axes], np.float64)
 
 
+def front_and_up(volume: Field) -> tuple[Floats, Floats]:
+    """Unit vectors in the world: the front of the volume, and upwards."""
+    axes = getattr(volume, "anatomical", "")
+    if axes:
+        return of_patient((0, -1, 0), axes), of_patient((0, 0, 1), axes)
+    return np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
 def suggested_view(volume: Field, tf: TransferFunction) -> View:
     """A view that suits what is visible with a transfer function.
 
