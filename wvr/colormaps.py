@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Colors: TypeAlias = Union[str, "Colormap", Sequence[Any]]
-Opacity: TypeAlias = Union[str, ArrayLike]
+Opacity: TypeAlias = str | ArrayLike
 
 NAMES = ("linear", "geom", "sigmoid", "foreground")
 # Entries of a named opacity, and control points at least over the domain where opacity is not constant.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeAlias, Union, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +16,20 @@ from .field.base import Field
 from .framing import framed, visible_points
 from .light.lighting import Lighting, Mode
 from .light.lights import DirectionalLight, Headlight
-from .preset_points import PRESETS
+from .preset_points import HOUNSFIELD, PRESETS
 from .suggest import Suggestion, suggestion
 from .transfer_function import TransferFunction
 from .validation import near, outside
 from .views import NAMES, View, ViewName, named_view, suggested_view
 from .volume import Volume
 
-Function: TypeAlias = Union[TransferFunction, Colors, Sequence[Any]]
-CameraLike: TypeAlias = Union[Camera, ViewName, Sequence[Any], Any]
-LightingLike: TypeAlias = Union[Lighting, bool, Mode]
+if TYPE_CHECKING:
+    import pyvista as pv
+
+    Function: TypeAlias = TransferFunction | Colors | Sequence[Any]
+    # A string is a sequence, too: with Sequence a name with a slip would do.
+    CameraLike: TypeAlias = Camera | ViewName | list[Any] | tuple[Any, ...] | NDArray[Any] | pv.Camera | pv.Plotter
+    LightingLike: TypeAlias = Lighting | bool | Mode
 SUGGESTED = ("bands", "warm", "surfaces", "labels", "tissues", "deviation")
 # What is behind a volume where nothing at all was said of colours.
 BACKGROUND = "black"
@@ -95,7 +99,9 @@ def function_of(
     if isinstance(given, str) and (given in PRESETS or given.lower().endswith(".json")):
         _refuse("opacity", opacity, f"{given!r} has its own")
         if given in PRESETS:
-            return TransferFunction.preset(given, None if clim is None else _limits(clim)), None
+            # Of a relative scale nothing but the data says what 1 is.
+            own = None if PRESETS[given].range == HOUNSFIELD else volume.range
+            return TransferFunction.preset(given, own if clim is None else _limits(clim)), None
         _refuse("clim", clim, f"{given!r} has its own scalars")
         return TransferFunction.load(given), None
     if given is None and opacity is None and clim is None:
@@ -106,7 +112,9 @@ def function_of(
         _refuse("opacity", opacity, f"{given!r} has its own")
         _refuse("clim", clim, f"{given!r} has its own scalars")
         if given not in chosen.functions:
-            raise ValueError(f"transfer_function must be one of {', '.join(chosen.functions)} for such data, got {given!r}")
+            raise ValueError(
+                f"transfer_function must be one of {', '.join(chosen.functions)} for such data, got {given!r}"
+            )
         return chosen.functions[given], chosen
     colors: Any = "viridis" if given is None else given
     limits = volume.range if clim is None else _limits(clim)
@@ -121,7 +129,7 @@ def function_of(
 
 def _refuse(name: str, value: Any, why: str) -> None:
     if value is not None:
-        raise ValueError(f"{name} is for colour maps, {why}, got {value!r}")
+        raise ValueError(f"{name} is for colour maps{' and presets' * (name == 'clim')}, {why}, got {value!r}")
 
 
 def _limits(clim: Any) -> tuple[float, float]:
@@ -196,10 +204,11 @@ def camera_of(given: CameraLike | None, volume: Field, tf: TransferFunction | No
         if given not in NAMES:
             raise ValueError(f"camera must be one of {', '.join(NAMES)}, got {given!r}{near(given, NAMES)}")
         view = named_view(given, volume)
-    elif hasattr(given, "camera") or hasattr(given, "focal_point"):
-        if hasattr(given, "viewup") and not hasattr(given, "view_angle"):
-            return Camera(given.position, given.focal_point, given.viewup)
+    elif hasattr(given, "camera") or hasattr(given, "view_angle"):
         return Camera.from_pyvista(given)
+    elif hasattr(given, "viewup"):
+        place: Any = given
+        return Camera(place.position, place.focal_point, place.viewup)
     else:
         try:
             vectors = np.asarray(given, np.float64)
@@ -214,8 +223,20 @@ def camera_of(given: CameraLike | None, volume: Field, tf: TransferFunction | No
             )
         up = (0.0, 0.0, 1.0) if np.linalg.norm(vectors[:2]) > 1e-3 * abs(vectors[2]) else (0.0, 1.0, 0.0)
         view = View(vectors, np.array(up))
+    return fitted(view, volume, tf, aspect=aspect)
+
+
+def fitted(
+    view: View,
+    volume: Field,
+    tf: TransferFunction | None,
+    view_angle: float = 30.0,
+    aspect: float = 1.0,
+    parallel: bool = False,
+) -> Camera:
+    """The camera of a view with all that is visible in the frame, or all of the box where nothing is."""
     points = volume.corners if tf is None else visible_points(volume, tf)
-    return framed(points if len(points) else volume.corners, *view, aspect=aspect)
+    return framed(points if len(points) else volume.corners, *view, view_angle, aspect, parallel)
 
 
 def lighting_of(given: LightingLike | None, surfaces: bool, camera: Camera) -> Lighting | None:
@@ -227,7 +248,7 @@ def lighting_of(given: LightingLike | None, surfaces: bool, camera: Camera) -> L
     if given is None or isinstance(given, bool | np.bool_):
         return studio(camera) if given or (given is None and surfaces) else None
     if isinstance(given, str) and given in get_args(Mode):
-        return Lighting(given)  # type: ignore[arg-type]
+        return Lighting(given)
     raise TypeError(
         f"lighting must be a Lighting, True, False or None, or one of its modes {', '.join(get_args(Mode))}, got "
         f"{given!r}{near(given, get_args(Mode))}"
@@ -239,8 +260,6 @@ def studio(camera: Camera) -> Lighting:
     right, up, forward = camera.basis()
     key = DirectionalLight(tuple((-forward + 0.8 * up - 0.6 * right).tolist()), (0.85, 0.85, 0.85))
     return Lighting(light=(key, Headlight((0.25, 0.25, 0.25))), ambient=0.22, diffuse=0.78, specular=0.2)
-
-
 
 
 def warn_of_nothing(alpha: NDArray[np.floating], volume: Field, tf: TransferFunction | None) -> None:

@@ -77,7 +77,14 @@ def _outline(ax: Axes, shown: Shown, size: tuple[int, int], background: Any) -> 
     points = shown.camera.project(shown.corners, size)
     for a, b in EDGES:
         if np.all(np.isfinite(points[[a, b]])):
-            ax.plot(*points[[a, b]].T, color="white" if dark else "black", linewidth=0.6, alpha=0.6, scalex=False, scaley=False)
+            ax.plot(
+                *points[[a, b]].T,
+                color="white" if dark else "black",
+                linewidth=0.6,
+                alpha=0.6,
+                scalex=False,
+                scaley=False,
+            )
 
 
 def _orientation(ax: Axes, shown: Shown, size: tuple[int, int]) -> None:
@@ -90,6 +97,6 @@ def _orientation(ax: Axes, shown: Shown, size: tuple[int, int]) -> None:
     for axis in sorted(range(3), key=lambda axis: -forward[axis]):
         tip = corner + length * np.array([right[axis], -up[axis]])
         arrow = {"arrowstyle": "-|>", "color": AXIS_COLORS[axis], "linewidth": 1.5, "shrinkA": 0, "shrinkB": 0}
-        ax.annotate("", tip, corner, arrowprops=arrow)
-        label = corner + 1.35 * (tip - corner)
-        ax.text(*label, names[axis], color=AXIS_COLORS[axis], ha="center", va="center", fontsize=9)
+        ax.annotate("", tuple(tip), tuple(corner), arrowprops=arrow)
+        x, y = corner + 1.35 * (tip - corner)
+        ax.text(x, y, names[axis], color=AXIS_COLORS[axis], ha="center", va="center", fontsize=9)

@@ -110,8 +110,8 @@ class Frame:
         pixels = rgba.numpy().astype(shown, copy=False)
         given = self.given
         limits, anatomical = given.volume.range, getattr(given.volume, "anatomical", "")
-        shown = Shown(self.camera, given.volume.corners, limits, given.transfer_function, anatomical)
-        return Image(pixels, samples, self.error_bound, stats, given.background, tracer, shown)
+        scenery = Shown(self.camera, given.volume.corners, limits, given.transfer_function, anatomical)
+        return Image(pixels, samples, self.error_bound, stats, given.background, tracer, scenery)
 
     def halves(self, real: type, march: Any) -> Halves:
         """What a kernel with a ``march`` in a precision is made of."""

@@ -24,7 +24,7 @@ FAINT = 0.02
 MARGIN = 0.04
 
 
-def visible_depths(volume: Field, tf: TransferFunction) -> tuple[NDArray[np.float32], int]:
+def visible_depths(volume: Field, tf: TransferFunction) -> tuple[NDArray[np.floating], int]:
     """Mean optical depth of blocks of samples [z, y, x], seen from a side, and the samples along a block.
 
     Of a volume with at most 160 samples along an axis, equally spaced ones of a larger.
@@ -50,9 +50,9 @@ def visible_points(volume: Field, tf: TransferFunction) -> Floats:
     found = np.argwhere(depths > FAINT)
     last = np.array(volume.shape) - 1.0
     corners = np.array([[(c >> a) & 1 for a in range(3)] for c in range(8)])
-    points = np.minimum((found[:, None, :] + corners) * width, last)
-    points = np.where(last == 0, corners - 0.5, points).reshape(-1, 3)
-    points = np.unique(points, axis=0)[:, ::-1]
+    nodes = np.minimum((found[:, None, :] + corners) * width, last)
+    nodes = np.where(last == 0, corners - 0.5, nodes).reshape(-1, 3)
+    points = np.unique(nodes, axis=0)[:, ::-1]
     return points @ volume.index_to_world[:3, :3].T + volume.index_to_world[:3, 3]
 
 
@@ -66,7 +66,7 @@ def extinction_of(samples: NDArray, tf: TransferFunction, smallest_spacing: floa
     return np.where(np.isfinite(values), tf.extinction(values, smallest_spacing), 0.0).astype(np.float32)
 
 
-def block_means(values: NDArray[np.float32], width: int) -> NDArray[np.float32]:
+def block_means(values: NDArray[np.floating], width: int) -> NDArray[np.floating]:
     """Means over blocks of ``width`` samples along each axis, those at the end of what there is."""
     for axis in range(3):
         starts = np.arange(0, values.shape[axis], width)
@@ -103,8 +103,8 @@ def framed(
         distance = 2 * max(float(np.ptp(points, axis=0).max()), scale)
         target = middle + x * right + y * upward
         return Camera(target - distance * forward, target, upward, view_angle, scale)
-    ends = [(a + t * w).max() for a, t in ((u, wide), (v, tall))], [(a - t * w).min() for a, t in ((u, wide), (v, tall))]
-    (right_end, top), (left_end, bottom) = ends
+    left_end, right_end = (u - wide * w).min(), (u + wide * w).max()
+    bottom, top = (v - tall * w).min(), (v + tall * w).max()
     z = max((right_end - left_end) / (2 * wide), (top - bottom) / (2 * tall))
     x, y = (right_end + left_end) / 2, (top + bottom) / 2
     z = max(z, w.max() + 1e-3 * float(np.ptp(w) or 1.0))

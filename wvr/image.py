@@ -80,6 +80,11 @@ class Image:
         height, width = self.rgba.shape[:2]
         return width, height
 
+    @property
+    def max_error(self) -> float:
+        """The largest bound of any pixel; infinite where the method gives none."""
+        return float("inf") if self.error_bound is None else float(self.error_bound.max(initial=0.0))
+
     def trace(self, x: int, y: int) -> NDArray[np.void]:
         """The steps of one ray, of an adaptive method.
 
@@ -228,10 +233,14 @@ class Image:
             with whole_file(path) as file:
                 FLOAT_WRITERS[suffix](file, self.rgba)
 
-    def _repr_png_(self) -> bytes:
+    def png(self, background: str | Sequence[float] | None = None) -> bytes:
+        """The bytes of a PNG file, for pipes and web pages; ``background`` as for :meth:`to_uint8`."""
         png = BytesIO()
-        _write_png(png, self.to_uint8())
+        _write_png(png, self.to_uint8(background))
         return png.getvalue()
+
+    def _repr_png_(self) -> bytes:
+        return self.png()
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray:
         return np.array(self.rgba, dtype=dtype, copy=copy)

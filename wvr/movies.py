@@ -296,7 +296,7 @@ def _of_one_size(images: Iterable[Any]) -> Iterator[NDArray[np.uint8]]:
         if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3:
             raise TypeError(f"images must be wvr.Image or uint8 (height, width, 3), got {pixels.dtype} {pixels.shape}")
         if size not in (None, pixels.shape):
-            raise ValueError(f"images must have one size, got {size[1::-1]} and {pixels.shape[1::-1]}")  # type: ignore[index]
+            raise ValueError(f"images must have one size, got {size[1::-1]} and {pixels.shape[1::-1]}")
         size = pixels.shape
         yield pixels
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from threading import Event
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .camera import Camera, image_size
 from .colormaps import Opacity
 from .cuts.base import Clip, clip_list
 from .cuts.labels import Segmentation
-from .defaults import Call, CameraLike, Function, LightingLike, warn_of_nothing
+from .defaults import Call, warn_of_nothing
 from .field.base import Field
 from .frame import Frame
 from .image import Image
@@ -23,6 +23,9 @@ from .light.shadows import ConvolutionShadows
 from .scene import Precision, Scene
 from .sources import as_volume
 from .transfer_function import TransferFunction
+
+if TYPE_CHECKING:
+    from .defaults import CameraLike, Function, LightingLike
 
 # Less than an 8-bit grey level.
 TOLERANCE = 1 / 512

@@ -146,7 +146,7 @@ def _samples(data: Any) -> Any:
         if not np.ma.is_masked(data):
             return data.data
         real = data.dtype if data.dtype.kind == "f" else np.result_type(narrowed(data.data).dtype, np.float32)
-        return data.astype(real).filled(np.nan)
+        return np.ma.filled(data.astype(real), np.nan)
     if isinstance(data, np.ndarray) or type(data).__module__.startswith("warp"):
         return data
     if getattr(data, "requires_grad", False):
@@ -304,4 +304,3 @@ def _resampled(grid: pv.DataSet, scalars: str | None, nan: NanPolicy) -> Volume:
         stacklevel=outside(),
     )
     return from_pyvista(image, str(name), nan)
-

@@ -70,7 +70,7 @@ def _labels(found: Statistics) -> Suggestion:
     common = float(values[np.argmax(counts)])
     background = common if counts.max() >= 0.5 * found.rim.size or levels[0] != 0 else 0.0
     shown = [level for level in levels if level != background]
-    colors = _label_colors(len(shown))
+    colors = label_colors(len(shown))
     if len(shown) == 1:
         colors = ["#e9dcc0"]
     seen = found.samples != background
@@ -90,7 +90,8 @@ def _labels(found: Statistics) -> Suggestion:
     return Suggestion("labels", {"labels": TransferFunction(points), **_bands(found)}, True)
 
 
-def _label_colors(count: int) -> list[str]:
+def label_colors(count: int) -> list[str]:
+    """So many colours that can be told apart, as far as they can."""
     from matplotlib.colors import hsv_to_rgb, to_hex
 
     golden = 0.618034

@@ -14,7 +14,7 @@ import os
 from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +29,9 @@ Floats = NDArray[np.float64]
 
 # Opacity 1 is an infinite extinction; the largest float32 below 1 stands for it.
 MAX_OPACITY = 1 - 2.0**-24
+
+# Of a unit distance [world length]; None is the smallest voxel spacing.
+Unit: TypeAlias = float | Literal["pyvista"] | None
 
 FORMAT = "wvr transfer function"
 VERSION = 1
@@ -76,12 +79,12 @@ class TransferFunction:
     knots: Floats
     colors: Floats
     opacities: Floats
-    unit_distance: float | Literal["pyvista"] | None
+    unit_distance: Unit
     ambient: Floats | None
     diffuse: Floats | None
     specular: Floats | None
 
-    def __init__(self, points: Iterable[tuple[float, Any, float]], unit_distance: float | Literal["pyvista"] | None = None):
+    def __init__(self, points: Iterable[tuple[float, Any, float]], unit_distance: Unit = None):
         scalars, rgb, opacity = [], [], []
         for i, point in enumerate(points):
             if isinstance(point, str) or not isinstance(point, Iterable) or len(triple := tuple(point)) != 3:
@@ -97,7 +100,7 @@ class TransferFunction:
         scalars: ArrayLike,
         rgb: ArrayLike,
         opacity: ArrayLike,
-        unit_distance: float | Literal["pyvista"] | None = None,
+        unit_distance: Unit = None,
         ambient: ArrayLike | None = None,
         diffuse: ArrayLike | None = None,
         specular: ArrayLike | None = None,
@@ -127,7 +130,7 @@ class TransferFunction:
         colormap: Colors,
         domain: tuple[float, float] | float,
         opacity: Opacity = "linear",
-        unit_distance: float | Literal["pyvista"] | None = None,
+        unit_distance: Unit = None,
         *,
         log_scale: bool = False,
         n_colors: int | None = None,
@@ -178,7 +181,7 @@ class TransferFunction:
         colors: Iterable[Any] | None = None,
         opacity: ArrayLike = 0.6,
         width: float = 2.0,
-        unit_distance: float | Literal["pyvista"] | None = None,
+        unit_distance: Unit = None,
     ) -> TransferFunction:
         """A triangular spike of extinction at each value and nothing between: surfaces of finite thickness.
 
@@ -234,7 +237,7 @@ class TransferFunction:
         scalars: ArrayLike,
         rgb: ArrayLike,
         opacity: ArrayLike,
-        unit_distance: float | Literal["pyvista"] | None,
+        unit_distance: Unit,
         *materials: ArrayLike | None,
     ) -> None:
         self.knots = knots = finite_array(scalars, "scalars", (-1,))
@@ -256,7 +259,9 @@ class TransferFunction:
             raise ValueError(f"rgb must be >= 0, got {self.colors.min():g}")
         self.opacities = finite_array(opacity, "opacity", (n,))
         check_opacity(self.opacities)
-        self.unit_distance = unit_distance if unit_distance in (None, "pyvista") else positive(unit_distance, "unit_distance")
+        self.unit_distance = (
+            unit_distance if unit_distance in (None, "pyvista") else positive(unit_distance, "unit_distance")
+        )
         self.ambient = self.diffuse = self.specular = None
         for name, values in zip(MATERIALS, materials, strict=False):
             if values is not None:

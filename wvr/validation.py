@@ -37,7 +37,9 @@ def positive(value: Any, name: str) -> float:
 def choice(value: Any, name: str, accepted: Sequence[str | None]) -> Any:
     """``value`` if it is one of ``accepted``."""
     if value not in accepted:
-        raise ValueError(f"{name} must be one of {', '.join(map(repr, accepted))}, got {value!r}{near(value, accepted)}")
+        raise ValueError(
+            f"{name} must be one of {', '.join(map(repr, accepted))}, got {value!r}{near(value, accepted)}"
+        )
     return value
 
 
@@ -71,7 +73,8 @@ def near(given: Any, accepted: Sequence[Any]) -> str:
     if not isinstance(given, str):
         return ""
     names = {str(name).lower(): name for name in accepted if isinstance(name, str)}
-    found = get_close_matches(given.lower().replace("_", "-"), names, 1) or get_close_matches(given.lower(), names, 1)
+    tried = (given.lower(), given.lower().replace("_", "-"))
+    found = [match for one in tried for match in get_close_matches(one, names, 1, 0.7)]
     return f"; did you mean {names[found[0]]!r}?" if found else ""
 
 

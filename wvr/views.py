@@ -100,7 +100,9 @@ def suggested_view(volume: Field, tf: TransferFunction) -> View:
     if len(thin) == 1:
         return _of_slice(axes, int(thin[0]), anatomical)
     if anatomical:
-        tall, *rest = (abs(np.array(of_patient(axis, anatomical)) @ np.ptp(volume.corners, axis=0)) for axis in np.eye(3)[::-1])
+        tall, *rest = (
+            abs(np.array(of_patient(axis, anatomical)) @ np.ptp(volume.corners, axis=0)) for axis in np.eye(3)[::-1]
+        )
         # Of a few slices from head to foot there is most to see from above.
         towards = (0.4, -1.0, 1.0) if tall * FLAT < min(rest) else (0.4, -1.0, 0.2)
         return View(of_patient(towards, anatomical), of_patient((0, 0, 1), anatomical))

@@ -74,8 +74,8 @@ class Volume(Field):
 
     #: How often samples changed.
     version: int
-    #: Where world x, y, z run in a patient, as the file says: "LPS" (to the left, the back, the head; DICOM, some NRRD),
-    #: "RAS" (NIfTI, some NRRD), another such three letters, or "" where it does not say.
+    #: Where world x, y, z run in a patient, as the file says: "LPS" (towards left, back, head: DICOM, some NRRD),
+    #: "RAS" (NIfTI, some NRRD), three other such letters, or "" where it does not say.
     anatomical: str = ""
 
     def __init__(

@@ -56,11 +56,10 @@ def warm_up(
     samples = np.linspace(0, 100, 6**3).reshape(6, 6, 6)
     tf = TransferFunction([(0, "black", 0.0), (30, "red", 0.0), (100, "white", 0.5)])
     done = []
-    for kind in map(np.dtype, dtypes):
+    for given in dtypes:
+        kind = np.dtype(given)
         for light in lit:
-            volume = Volume(samples.astype(kind))
-            render(
-                volume, tf, "iso", (16, 16), lighting=light, shadows=shade, integrator=integrator, device=device, **options
-            )
+            scene = {"lighting": light, "shadows": shade, "integrator": integrator, "device": device}
+            render(Volume(samples.astype(kind)), tf, "iso", (16, 16), **(scene | options))
             done.append(f"{kind}, {'lit' if light else 'not lit'}{', with shadows' if shade else ''}")
     return done

@@ -8,12 +8,15 @@ from cyclopts import App, CycloptsError
 
 from .. import __version__
 from .info import info
+from .orbit import orbit
 from .render import render
 from .study import study
+from .warm_up import warm_up
 
 app = App(name="wvr", help="Direct volume rendering, fast and accurate.", version=__version__, help_format="plaintext")
-for command in (render, info, study):
+for command in (render, orbit, info, warm_up, study):
     app.command(command)
+app.register_install_completion_command(help="Have the shell complete commands and options.")
 
 
 def main() -> int:

@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from ..defaults import BACKGROUND
+from ..defaults import lighting_of as lighting_for
+from ..image import PIXEL_WRITERS
 from .options import (
+    Lens,
     Size,
     Vector,
     Vectors,
     camera_of,
     clips_of,
     integrator_of,
+    labels_of,
     lighting_of,
     shadows_of,
     size_of,
     transfer_function_of,
 )
-from .source import load
+from .source import load, load_raw
 from .stages import Stages
 
 
@@ -28,9 +34,12 @@ def render(
     source: str,
     /,
     *,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)] = None,
     tf: str | None = None,
-    domain: Vector | None = None,
+    cmap: str | None = None,
+    opacity: Vector | None = None,
+    clim: Annotated[Vector | None, Parameter(name=["--clim", "--domain"])] = None,
+    labels: Path | None = None,
     tolerance: float | None = None,
     integrator: str | None = None,
     lighting: str | None = None,
@@ -50,6 +59,9 @@ def render(
     clip_sphere: Vectors | None = None,
     threads: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
     scalars: str | None = None,
+    shape: str | None = None,
+    dtype: str | None = None,
+    spacing: str | None = None,
     nan: Literal["error", "transparent"] = "error",
     dataset_size: Size | None = None,
 ) -> None:
@@ -60,39 +72,50 @@ def render(
     source
         File, folder of slices, or name of a dataset.
     output
-        Image file: .png (8 bits, sRGB), or .exr, .tif, .tiff, .npy (linear floats). By default the source's name with
-        .png, in the current folder.
+        Image file: .png, .jpg (8 bits, sRGB), or .exr, .tif, .tiff, .npy (linear floats); "-" writes a PNG to standard
+        output. By default the source's name with .png, in the current folder.
     tf
         Transfer function: a suggestion of "wvr info" (bands, warm, surfaces), a preset (ct-bone, mri, ...), a
-        Matplotlib colour map (opacity then grows with the scalar), a .json file, or control points
-        SCALAR:COLOUR:OPACITY,SCALAR:COLOUR:OPACITY,... By default the first suggestion.
-    domain
+        Matplotlib colour map, a .json file, or control points SCALAR:COLOUR:OPACITY,SCALAR:COLOUR:OPACITY,... By
+        default the first suggestion.
+    cmap
+        A Matplotlib colour map, or colours in a list, black,red,white; opacities are suggested, or those of --opacity.
+    opacity
+        Of a colour map: linear, geom, sigmoid, sigmoid_5, linear_r, ..., foreground, or numbers 0,0.2,0.9 that are
+        equally spaced over --clim; of PyVista's unit distance.
+    clim
         Scalars LO,HI that a preset or colour map spans: by default the volume's range, or Hounsfield units for ct-*.
+    labels
+        File of labels for the same grid: each has a colour of its own, 0 is nothing.
     tolerance
         Largest absolute error of any channel of any pixel, above 0 and below 1; by default 1/512.
     integrator
         Instead of a tolerance: NAME:VALUE:... with the values in the order of the API: riemann:0.5, riemann:0.5:left,
         preintegrated:1:4.
     lighting
-        Light from the camera: interpolated, or another mode of the API, MODE:AMBIENT:DIFFUSE:SPECULAR:SHININESS with
-        what is left out as in the API.
+        "on" or "off"; by default on where opacities are suggested and the data have surfaces. Or light from the camera:
+        interpolated, or another mode of the API, MODE:AMBIENT:DIFFUSE:SPECULAR:SHININESS with what is left out as in
+        the API.
     shadows
         X,Y,Z towards a light that casts them, or "headlight".
     size
         WIDTHxHEIGHT in pixels.
     direction
-        X,Y,Z from the volume towards the camera. By default 1,0.6,0.4 for --up z, and turned with --up.
+        X,Y,Z from the volume towards the camera. By default, and without --up, a view that suits the data: patients
+        from the front, the head above, where the file says how they lie (DICOM, NIfTI, some NRRD); what stands on
+        something, or is tall, upright. With --up, 1,0.6,0.4 for z, and turned with it.
     up
-        X,Y,Z or an axis (y, -z): upwards in the image. By default z for generated datasets and files that say where
-        the head is (DICOM, NIfTI, some NRRD), else y, as in VTK's own default view: few files say where up is.
+        X,Y,Z or an axis (y, -z): upwards in the image. By default as suggested; with --direction z.
     view_angle
         Vertical angle of view in degrees.
     parallel
         Orthographic; with --camera, what is at the target keeps its size.
     camera
-        Position and target in world coordinates, PX,PY,PZ,TX,TY,TZ; instead of --direction, which shows all.
+        A view by name, with all that is visible in the frame: iso, xy, xz, yz, ..., or of patients anterior, left, ...
+        Or position and target in world coordinates, PX,PY,PZ,TX,TY,TZ. Instead of --direction.
     background
-        Colour name or #rrggbb behind the volume, for .png; by default the image is transparent.
+        Colour name or #rrggbb behind the volume, or transparent, for .png and .jpg; by default black where opacities
+        are suggested, else none.
     precision
         Of everything along a ray.
     device
@@ -110,6 +133,12 @@ def render(
         CPU threads; by default all cores.
     scalars
         Array to render, of a VTK file with several.
+    shape
+        NXxNYxNZ: the source is a file of bare samples, x fastest, of a --dtype.
+    dtype
+        Of bare samples, as NumPy says: uint8, int16, float32, >i2 (big endian).
+    spacing
+        X,Y,Z between bare samples; by default 1.
     nan
         NaN and infinite samples are an error, or transparent.
     dataset_size
@@ -121,19 +150,31 @@ def render(
     light = None if lighting is None else lighting_of(lighting)
     shade = None if shadows is None else shadows_of(shadows)
     width, height = size_of(size)
+    piped = output == Path("-")
     output = Path(f"{_stem(source)}.png") if output is None else output
-    _check_output(output, source, background)
+    if not piped:
+        _check_output(output, source, background)
+    if (shape is None) != (dtype is None) or (shape is None and spacing is not None):
+        raise ValueError(
+            "--shape and --dtype are given together, for files of bare samples, and --spacing only with them"
+        )
     clips = clips_of(clip_plane, clip_box, clip_sphere)
     if threads is not None:
         wvr.set_num_threads(threads)
     with Stages() as stage:
-        volume = load(source, scalars, nan, dataset_size, stage)
-        transfer_function = transfer_function_of(tf, domain, volume)
-        if up is None:
-            from ..datasets import GENERATED
-
-            up = "z" if volume.anatomical or source in GENERATED else "y"
-        view = camera_of(volume, direction, up, view_angle, parallel, camera, width / height)
+        if shape is not None and dtype is not None:
+            volume = load_raw(source, shape, dtype, spacing, stage)
+        else:
+            volume = load(source, scalars, nan, dataset_size, stage)
+        transfer_function, chosen = transfer_function_of(tf, cmap, opacity, clim, volume)
+        transfer_function = transfer_function.for_volume(volume)
+        place = (camera, direction, up)
+        view = camera_of(volume, transfer_function, place, Lens(view_angle, parallel, width / height))
+        if light is None or isinstance(light, bool):
+            light = lighting_for(light, chosen is not None and chosen.surfaces, view)
+        if background is None and chosen is not None and (piped or output.suffix.lower() in PIXEL_WRITERS):
+            background = BACKGROUND
+        segmentation = None if labels is None else labels_of(labels, transfer_function)
         stage("rendering")
         image = wvr.render(
             volume,
@@ -149,14 +190,20 @@ def render(
             device=device,
             termination=termination,
             clip=clips,
+            segmentation=segmentation,
         )
         stage(f"writing {output}")
-        image.save(output)
+        if piped:
+            sys.stdout.buffer.write(image.png())
+            sys.stdout.buffer.flush()
+        else:
+            image.save(output)
     samples, seconds = image.stats["samples"], image.stats["seconds"]
     bound = "" if image.error_bound is None else f", errors up to {image.error_bound.max():.2g}"
     if bound and (light or shade):
         bound += " but for light"
-    print(f"{output}: {width} x {height}, {samples:,} samples, {seconds:.3g} s{bound}")
+    report = f"{output}: {width} x {height}, {samples:,} samples, {seconds:.3g} s{bound}"
+    print(report, file=sys.stderr if piped else sys.stdout)
 
 
 def _stem(source: str) -> str:
@@ -169,9 +216,9 @@ def _check_output(output: Path, source: str, background: str | None) -> None:
     from ..files import known_suffix
     from ..image import FLOAT_WRITERS
 
-    suffix = known_suffix(output, (".png", *FLOAT_WRITERS), "--output")
-    if suffix != ".png" and background is not None:
-        raise ValueError(f"--background is for .png, {suffix} keeps the image without one")
+    suffix = known_suffix(output, (*PIXEL_WRITERS, *FLOAT_WRITERS), "--output")
+    if suffix not in PIXEL_WRITERS and background is not None:
+        raise ValueError(f"--background is for .png and .jpg, {suffix} keeps the image without one")
     if not output.parent.is_dir():
         raise FileNotFoundError(f"--output must be in a folder that exists, got {str(output)!r}")
     if output.exists() and Path(source).exists() and output.samefile(source):

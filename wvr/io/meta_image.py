@@ -49,7 +49,7 @@ def read_meta_image(path: Path) -> Grid:
         memoryview(content)[end.end() :] if name.upper() == "LOCAL" else memoryview((path.parent / name).read_bytes())
     )
     with corrupt(path):
-        return Grid(_samples_of(head, data, shape), *_place(head), "AnatomicalOrientation" in head)
+        return Grid(_samples_of(head, data, shape), *_place(head), "LPS" if "AnatomicalOrientation" in head else "")
 
 
 def _field(head: dict[str, str], names: str, default: str) -> str:
