@@ -110,7 +110,7 @@ def test_examples_in_docstrings_run():
 
 
 def test_every_option_of_the_command_line_has_help():
-    for command in (cli.render, cli.info, cli.study):
+    for command in (cli.render, cli.orbit, cli.info, cli.warm_up, cli.study):
         text = inspect.getdoc(command) or ""
         for name in inspect.signature(command).parameters:
             assert re.search(rf"^{name}$", text, re.M), f"{command.__name__}: {name}"

@@ -20,8 +20,10 @@ Colors: TypeAlias = Union[str, "Colormap", Sequence[Any]]
 Opacity: TypeAlias = str | ArrayLike
 
 NAMES = ("linear", "geom", "sigmoid", "foreground")
-# Entries of a named opacity, and control points at least over the domain where opacity is not constant.
+# Entries of a named opacity.
 ENTRIES = 256
+# By how much opacity between two control points may differ from linear, about.
+CURVED = 1 / 1024
 
 
 def entries(colormap: Colors, n_colors: int | None = None) -> Floats:
@@ -89,16 +91,38 @@ def _named(name: str) -> Floats:
 def sampled(rgb: Floats, opacity: Floats) -> tuple[Floats, Floats, Floats]:
     """Control points from 0 to 1 with colour and opacity, both linear between those given, of any number each.
 
-    Where opacity is not constant there are points enough for it to look linear though extinction is.
+    Between two opacities there are as many more as it takes for opacity to be linear, to 1/512, where extinction is.
     """
     n, m = len(rgb), len(opacity)
-    parts = -(-(ENTRIES - 1) // (m - 1)) if np.any(np.diff(opacity)) else 1
-    fine = parts * (m - 1) + 1
-    # Ticks count in units of 1 / ((n - 1) (fine - 1)) of the domain, so that points which coincide are equal.
-    color_ticks, fine_ticks = np.arange(n) * (fine - 1), np.arange(fine) * (n - 1)
-    ticks = np.union1d(color_ticks, fine_ticks)
+    # Ticks count in units of 1 / ((n - 1) (m - 1)) of the domain, so that points which coincide are equal.
+    color_ticks, opacity_ticks = np.arange(n) * (m - 1), np.arange(m) * (n - 1)
+    ticks = np.union1d(color_ticks, opacity_ticks).astype(np.float64)
+    added = [
+        start + (n - 1) * (value - first) / (last - first)
+        for start, first, last in zip(opacity_ticks, opacity, opacity[1:], strict=False)
+        for value in _between(min(first, last), max(first, last))
+    ]
+    extra = np.array(added)
+    near_ticks = np.abs(extra - ticks[np.searchsorted(ticks, extra).clip(1) - 1]) < 1e-6
+    near_ticks |= np.abs(extra - ticks[np.searchsorted(ticks, extra).clip(0, len(ticks) - 1)]) < 1e-6
+    ticks = np.union1d(ticks, extra[~near_ticks])
     colors = np.stack([np.interp(ticks, color_ticks, channel) for channel in rgb.T], axis=-1)
-    return ticks / ticks[-1], colors, np.interp(ticks, fine_ticks[::parts], opacity)
+    return ticks / ticks[-1], colors, np.interp(ticks, opacity_ticks, opacity)
+
+
+def _between(low: float, high: float) -> list[float]:
+    """Opacities between two, so close that linear extinction between neighbours is linear opacity to ``CURVED``.
+
+    Over a step d from an opacity o it is off by about d^2 / (8 (1 - o - d)).
+    """
+    values: list[float] = []
+    value = low
+    while value < 1 - CURVED:
+        value += np.sqrt(16 * CURVED**2 + 8 * CURVED * (1 - value)) - 4 * CURVED
+        if value >= high:
+            break
+        values.append(float(value))
+    return values
 
 
 def check_opacity(opacity: Floats) -> None:

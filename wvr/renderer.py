@@ -135,9 +135,13 @@ class Renderer:
 
     def _render(self, camera: Camera, size: tuple[int, int]) -> Image:
         # Of one set of attributes, whatever is assigned meanwhile.
+        tf, labels = self.transfer_function, self.segmentation
+        if isinstance(self.volume, Field):
+            tf = tf.for_volume(self.volume) if isinstance(tf, TransferFunction) else tf
+            labels = labels.for_volume(self.volume) if isinstance(labels, Segmentation) else labels
         scene = Scene(
             volume=self.volume,
-            transfer_function=self.transfer_function,
+            transfer_function=tf,
             integrator=self.integrator,
             lighting=self.lighting,
             shadows=self.shadows,
@@ -146,7 +150,7 @@ class Renderer:
             background=self.background,
             skip_empty=self.skip_empty,
             clips=clip_list(self.clip),
-            segmentation=self.segmentation,
+            segmentation=labels,
         )
         for volume in scene.volumes():
             volume.look()
