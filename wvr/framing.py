@@ -50,7 +50,8 @@ def visible_points(volume: Field, tf: TransferFunction) -> Floats:
     found = np.argwhere(depths > FAINT)
     last = np.array(volume.shape) - 1.0
     corners = np.array([[(c >> a) & 1 for a in range(3)] for c in range(8)])
-    nodes = np.minimum((found[:, None, :] + corners) * width, last)
+    # What a sample is seen in are the cells on both sides of it.
+    nodes = np.clip((found[:, None, :] + corners) * width - (1 - corners), 0, last)
     nodes = np.where(last == 0, corners - 0.5, nodes).reshape(-1, 3)
     points = np.unique(nodes, axis=0)[:, ::-1]
     return points @ volume.index_to_world[:3, :3].T + volume.index_to_world[:3, 3]

@@ -91,9 +91,16 @@ class Statistics:
 
     @cached_property
     def rim(self) -> NDArray[np.float64]:
-        """Samples at the faces of the box (of axes with several), or next to padding there; padding left out."""
+        """Samples at the faces of the box (of axes with several), and next to padding; padding left out."""
         values = self.samples
-        faces = [np.take(values, side, axis).ravel() for axis in range(3) if values.shape[axis] > 2 for side in (0, -1)]
+        axes = [axis for axis in range(3) if values.shape[axis] > 2]
+        faces = [np.take(values, side, axis).ravel() for axis in axes for side in (0, -1)]
+        if self.padding is not None:
+            absent = np.isnan(values)
+            for axis in axes:
+                ahead, behind = (np.take(absent, span, axis) for span in _pairs(values.shape[axis]))
+                low, high = (np.take(values, span, axis) for span in _pairs(values.shape[axis]))
+                faces += [low[~ahead & behind], high[ahead & ~behind]]
         rim = np.concatenate(faces) if faces else values.ravel()
         rim = rim[np.isfinite(rim)]
         return rim if rim.size >= 16 else self.finite
@@ -144,7 +151,7 @@ class Statistics:
         common = low[np.argmax(counts)]
         same = seen = 0
         for axis in range(3):
-            a, b = np.take(whole, range(whole.shape[axis] - 1), axis), np.take(whole, range(1, whole.shape[axis]), axis)
+            a, b = (np.take(whole, span, axis) for span in _pairs(whole.shape[axis]))
             some = ~((a == common) & (b == common))
             seen += int(some.sum())
             same += int((some & (a == b)).sum())
@@ -169,11 +176,16 @@ class Statistics:
         window = tuple(slice(max(0, n // 2 - 48), n // 2 + 48) for n in values.shape)
         whole = values[window].astype(np.float64)
         for axis in range(3):
-            a, b = np.take(whole, range(whole.shape[axis] - 1), axis), np.take(whole, range(1, whole.shape[axis]), axis)
+            a, b = (np.take(whole, span, axis) for span in _pairs(whole.shape[axis]))
             both = (a > above) & (b > above) & (a < below) & (b < below)
             differences.append((a - b)[both])
         steps = np.concatenate(differences)
         return steps.size < 8 or float(np.sqrt(np.mean(steps**2))) < 0.9 * np.sqrt(2) * spread
+
+
+def _pairs(n: int) -> tuple[range, range]:
+    """Indices of all but the last, and of those behind them."""
+    return range(n - 1), range(1, n)
 
 
 def _span(finite: NDArray[np.float64]) -> tuple[float, float]:
