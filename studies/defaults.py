@@ -2,8 +2,8 @@
 
     python -m studies.defaults FOLDER_OR_FILE ... -o docs/defaults
 
-writes contact sheets, ``sheet-1.jpg`` and on, ten volumes a sheet: in each pair wvr is on the left, PyVista on the right. Without a
-file it shows the generated volumes.
+writes contact sheets, ``sheet-1.jpg`` and on, ten volumes a sheet: in each pair wvr is on the left, PyVista on the
+right. Without a file it shows the generated volumes. With ``--hero`` the files are one picture, hero.jpg, in shadow.
 """
 
 from __future__ import annotations
@@ -39,6 +39,15 @@ def theirs(volume: wvr.Volume) -> Image.Image:
     return Image.fromarray(pixels)
 
 
+def hero(paths: list[Path], output: Path) -> None:
+    """Two by two pictures with shadows."""
+    picture = Image.new("RGB", (4 * TILE, 4 * TILE * -(-len(paths) // 2) // 2))
+    for number, path in enumerate(paths):
+        image = wvr.render(path, size=(2 * TILE, 2 * TILE), shadows=True)
+        picture.paste(Image.fromarray(image.to_uint8()), (number % 2 * 2 * TILE, number // 2 * 2 * TILE))
+    picture.save(output / "hero.jpg", quality=88)
+
+
 def volumes(paths: list[Path]) -> list[tuple[str, wvr.Volume]]:
     """Those in the files and folders; what is no regular grid of scalars is left out, and said."""
     files = [file for path in paths for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
@@ -58,8 +67,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("paths", nargs="*", type=Path)
     parser.add_argument("-o", "--output", type=Path, default=Path("out/defaults"))
+    parser.add_argument("--hero", action="store_true")
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
+    if options.hero:
+        return hero(options.paths, options.output)
     warnings.simplefilter("ignore")
     tiles = []
     for name, volume in volumes(options.paths):

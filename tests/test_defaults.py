@@ -31,7 +31,7 @@ def test_one_line_is_the_whole_of_it(volume):
 def test_what_is_given_in_full_is_left_alone(volume):
     tf, camera = wvr.TransferFunction([(0, "red", 0.0), (200, "white", 0.5)]), wvr.Camera.fit(volume)
     look = Call(tf, camera).look(volume, (8, 8))
-    assert look == (tf, camera, None, None)
+    assert look == (tf, camera, None, None, None)
 
 
 @pytest.mark.parametrize(
@@ -88,6 +88,16 @@ def test_lighting_in_other_words(volume):
     right, up, forward = camera.basis()
     towards = np.array(studio(camera).lights[0].vector)
     assert towards @ up > 0.3 and towards @ right < -0.2 and towards @ forward < -0.5
+
+
+def test_shadows_in_other_words(volume):
+    camera = wvr.Camera.fit(volume)
+    look = Call(camera=camera, shadows=True).look(volume, (8, 8))
+    assert look.shadows == wvr.ConvolutionShadows(light=studio(camera).lights[0]) and look.lighting == studio(camera)
+    sun = wvr.DirectionalLight((0, 0, 1))
+    look = Call(camera=camera, lighting=wvr.Lighting(light=sun), shadows=True).look(volume, (8, 8))
+    assert look.shadows == wvr.ConvolutionShadows(light=sun)
+    assert Call(camera=camera, shadows=False).look(volume, (8, 8)).shadows is None
 
 
 def test_a_picture_of_nothing_is_warned_of():

@@ -16,6 +16,7 @@ from .field.base import Field
 from .framing import framed, visible_points
 from .light.lighting import Lighting, Mode
 from .light.lights import DirectionalLight, Headlight
+from .light.shadows import ConvolutionShadows
 from .preset_points import HOUNSFIELD, PRESETS
 from .suggest import Suggestion, suggestion
 from .transfer_function import TransferFunction
@@ -43,6 +44,7 @@ class Look(NamedTuple):
     transfer_function: TransferFunction | None
     camera: Camera
     lighting: Lighting | None
+    shadows: ConvolutionShadows | None
     background: Any
 
 
@@ -54,6 +56,7 @@ class Call(NamedTuple):
     opacity: Opacity | None = None
     clim: Sequence[float] | float | None = None
     lighting: LightingLike | None = None
+    shadows: ConvolutionShadows | bool | None = None
     background: Any = None
     segmentation: Segmentation | None = None
 
@@ -73,7 +76,7 @@ class Call(NamedTuple):
         camera = camera_of(self.camera, volume, function, size[0] / size[1])
         lighting = lighting_of(self.lighting, chosen is not None and chosen.surfaces, camera)
         background = BACKGROUND if self.background is None and chosen is not None else self.background
-        return Look(function, camera, lighting, background)
+        return Look(function, camera, lighting, shadows_of(self.shadows, lighting, camera), background)
 
 
 def function_of(
@@ -255,11 +258,18 @@ def lighting_of(given: LightingLike | None, surfaces: bool, camera: Camera) -> L
     )
 
 
+def shadows_of(given: Any, lighting: Lighting | None, camera: Camera) -> ConvolutionShadows | None:
+    """The shadows that are meant: True is those of the lighting's first light, or of that from the upper left."""
+    if given is True:
+        return ConvolutionShadows(light=(studio(camera) if lighting is None else lighting).lights[0])
+    return None if given is False else given
+
+
 def studio(camera: Camera) -> Lighting:
     """A light above the photographer's left shoulder, and a weak one at the camera."""
     right, up, forward = camera.basis()
-    key = DirectionalLight(tuple((-forward + 0.8 * up - 0.6 * right).tolist()), (0.85, 0.85, 0.85))
-    return Lighting(light=(key, Headlight((0.25, 0.25, 0.25))), ambient=0.22, diffuse=0.78, specular=0.2)
+    key = DirectionalLight(tuple((-forward + 0.8 * up - 0.6 * right).tolist()), (0.95, 0.95, 0.95))
+    return Lighting(light=(key, Headlight((0.3, 0.3, 0.3))), ambient=0.22, diffuse=0.78, specular=0.2)
 
 
 def warn_of_nothing(alpha: NDArray[np.floating], volume: Field, tf: TransferFunction | None) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .camera import Camera, image_size
-from .defaults import Call, lighting_of
+from .defaults import Call, lighting_of, shadows_of
 from .framing import framed, visible_points
 from .image import Image
 from .renderer import Renderer
@@ -25,7 +25,7 @@ from .volume import Volume
 
 SUFFIXES = (".mp4", ".gif")
 # What of a call of render says how it looks; a Renderer takes the rest.
-LOOK = ("opacity", "clim", "lighting", "background", "segmentation")
+LOOK = ("opacity", "clim", "lighting", "shadows", "background", "segmentation")
 
 
 def orbit(
@@ -95,6 +95,7 @@ def orbit(
     def images() -> Iterator[Image]:
         for camera in cameras:
             renderer.lighting = lighting_of(call.lighting, look.lighting is not None, camera)
+            renderer.shadows = shadows_of(call.shadows, renderer.lighting, camera)
             yield renderer.render(camera, size)
 
     if output is None:
@@ -165,6 +166,7 @@ def time_series(
         first,
         look.transfer_function,
         lighting=look.lighting,
+        shadows=look.shadows,
         background=look.background,
         segmentation=call.segmentation,
         **rest,

@@ -175,7 +175,7 @@ def render(
     opacity: Opacity | None = None,
     clim: Sequence[float] | float | None = None,
     lighting: LightingLike | None = None,
-    shadows: ConvolutionShadows | None = None,
+    shadows: ConvolutionShadows | bool | None = None,
     background: str | Sequence[float] | None = None,
     precision: Precision = "auto",
     device: Any = None,
@@ -220,9 +220,9 @@ def render(
         default that light where opacities are suggested and the data have surfaces, and else none. A tolerance then
         holds for opacity and for the image without light; with light, colours converge as it decreases.
     shadows
-        A :class:`ConvolutionShadows`: light that is attenuated and spread on its way, by default none. A tolerance then
-        holds for opacity and for the image without shadows. Colours lit by ``lighting``, if there is any, are in shadow
-        as a whole.
+        A :class:`ConvolutionShadows`: light that is attenuated and spread on its way; True is that of the first light
+        of the lighting, or of one at the camera's upper left. By default none. A tolerance then holds for opacity and
+        for the image without shadows. Colours lit by ``lighting``, if there is any, are in shadow as a whole.
     background
         What display, PNG and JPEG files put behind the volume: a colour name, ``"#rrggbb"`` or three linear numbers,
         or ``"transparent"``. By default black where opacities are suggested, and else nothing.
@@ -275,7 +275,7 @@ def render(
     """
     volume = as_volume(volume)
     size = image_size(size)
-    call = Call(transfer_function, camera, opacity, clim, lighting, background, segmentation)
+    call = Call(transfer_function, camera, opacity, clim, lighting, shadows, background, segmentation)
     look = call.look(volume, size)
     renderer = Renderer(
         volume,
@@ -283,7 +283,7 @@ def render(
         integrator=integrator,
         tolerance=tolerance,
         lighting=look.lighting,
-        shadows=shadows,
+        shadows=look.shadows,
         precision=precision,
         device=device,
         termination=termination,

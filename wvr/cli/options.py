@@ -93,7 +93,9 @@ def lighting_of(text: str) -> Lighting | bool:
     return Lighting(mode, **dict(zip(names, numbers, strict=False)))  # type: ignore[arg-type]
 
 
-def shadows_of(text: str) -> ConvolutionShadows:
+def shadows_of(text: str) -> ConvolutionShadows | bool:
+    if text in ("on", "off"):
+        return text == "on"
     from ..light.lights import DirectionalLight
     from ..light.shadows import ConvolutionShadows
 

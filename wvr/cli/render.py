@@ -97,7 +97,7 @@ def render(
         interpolated, or another mode of the API, MODE:AMBIENT:DIFFUSE:SPECULAR:SHININESS with what is left out as in
         the API.
     shadows
-        X,Y,Z towards a light that casts them, or "headlight".
+        X,Y,Z towards a light that casts them, "headlight", or "on": the light that is on.
     size
         WIDTHxHEIGHT in pixels.
     direction
