@@ -104,8 +104,17 @@ def test_a_picture_of_nothing_is_warned_of():
     faint = wvr.Volume(np.linspace(0, 1, 8**3).reshape(8, 8, 8))
     with pytest.warns(UserWarning, match=r"nearly nothing is visible.* from 300 to 2000, .* from 0 to 1$") as caught:
         wvr.render(faint, "ct-bone", **FAST)
-    assert caught[0].filename == __file__
+    assert {one.filename for one in caught} == {__file__}
     wvr.render(faint, "mri", **FAST)  # a relative scale spans the data
+
+
+def test_presets_in_hounsfield_units_doubt_other_data(volume, recwarn):
+    with pytest.warns(UserWarning, match=r"'ct-bone' is in Hounsfield units.*samples are from 0 to 255"):
+        function_of("ct-bone", volume)
+    recwarn.clear()
+    function_of("ct-bone", volume, clim=(0, 255))
+    function_of("ct-bone", wvr.Volume(np.linspace(-1000, 1000, 27).reshape(3, 3, 3)))
+    assert not recwarn
 
 
 def test_fields_without_samples_need_a_transfer_function(monkeypatch):

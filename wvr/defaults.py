@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 SUGGESTED = ("bands", "warm", "surfaces", "labels", "tissues", "deviation")
 # What is behind a volume where nothing at all was said of colours.
 BACKGROUND = "black"
+# Of a scan in Hounsfield units there is something below, unless it is cropped to soft tissue.
+AIR = -20
 # An image without a pixel of more opacity shows nothing.
 NOTHING = 0.02
 
@@ -104,6 +106,8 @@ def function_of(
         if given in PRESETS:
             # Of a relative scale nothing but the data says what 1 is.
             own = None if PRESETS[given].range == HOUNSFIELD else volume.range
+            if own is None and clim is None:
+                _doubt_hounsfield(given, volume)
             return TransferFunction.preset(given, own if clim is None else _limits(clim)), None
         _refuse("clim", clim, f"{given!r} has its own scalars")
         return TransferFunction.load(given), None
@@ -128,6 +132,17 @@ def function_of(
         return TransferFunction.from_colormap(colors, limits, opacity, "pyvista"), None
     chosen = _suggestion(volume)
     return recolored(next(iter(chosen.functions.values())), colors, limits), chosen
+
+
+def _doubt_hounsfield(name: str, volume: Field) -> None:
+    """Warn where the samples cannot be in Hounsfield units: of air, -1000, and something."""
+    lo, hi = volume.range
+    if lo > AIR or hi < 0:
+        warnings.warn(
+            f"{name!r} is in Hounsfield units, air about -1000 and bone up to 2000, and the samples are from {lo:g} to "
+            f"{hi:g}: clim=(lo, hi) says which of them stand for -1000 and 2000",
+            stacklevel=outside(),
+        )
 
 
 def _refuse(name: str, value: Any, why: str) -> None:

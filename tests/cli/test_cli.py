@@ -153,7 +153,6 @@ def test_a_camera_by_position_and_target(run, rendered):
         (["warm"], lambda volume: suggest(volume)["warm"]),
         (["mri"], lambda volume: preset("mri", volume.range)),
         (["mri", "--domain", "-5,100"], lambda volume: preset("mri", (-5, 100))),
-        (["ct-bone"], lambda volume: preset("ct-bone")),
         (["ct-bone", "--domain", "0,255"], lambda volume: preset("ct-bone", (0, 255))),
         (["0:red:0,90:#ffffff:0.5"], lambda volume: wvr.TransferFunction([(0, "red", 0), (90, "white", 0.5)])),
     ],
@@ -215,6 +214,14 @@ def test_labels_have_colours_of_their_own(run, rendered):
     assert list(functions) == [4, 9]
     assert not np.array_equal(functions[4].colors[0], functions[9].colors[0])
     np.testing.assert_array_equal(functions[4].opacities, rendered["tf"].opacities)
+
+
+def test_warnings_are_one_line(run, rendered):
+    np.save("a.npy", CUBE)
+    code, _, err = run("render", "a.npy", "--tf", "ct-bone")
+    assert code == 0 and re.fullmatch(r"wvr: warning: 'ct-bone' is in Hounsfield units, .*\n", err)
+    code, _, err = run("render", "b.npy")
+    assert code == 1 and err.endswith("; did you mean 'a.npy'?\n")
 
 
 def test_a_movie(run):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 
 from cyclopts import App, CycloptsError
 
@@ -21,6 +22,7 @@ app.register_install_completion_command(help="Have the shell complete commands a
 
 def main() -> int:
     """Run the command line in ``sys.argv``; returns the exit code."""
+    warnings.showwarning = _warned
     try:
         command, bound, *_ = app.parse_args(sys.argv[1:], exit_on_error=False, print_error=False, verbose=False)
         return command(*bound.args, **bound.kwargs) or 0
@@ -30,6 +32,11 @@ def main() -> int:
         return _failed(error, 2)
     except (OSError, MemoryError, ImportError) as error:
         return _failed(error, 1)
+
+
+def _warned(message: Warning | str, *_: object, **__: object) -> None:
+    # Of no line of the user's.
+    print(f"wvr: warning: {' '.join(str(message).split())}", file=sys.stderr)
 
 
 def _failed(error: Exception, code: int) -> int:

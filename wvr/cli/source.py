@@ -26,7 +26,7 @@ def load(
     if source not in datasets.names():
         raise FileNotFoundError(
             f"{source!r} is neither a file or folder nor a dataset; datasets are {', '.join(datasets.names())}"
-            f"{near(source, datasets.names())}"
+            f"{near(source, [*_files_beside(source), *datasets.names()])}"
         )
     if scalars is not None:
         raise ValueError(f"--scalars is for files with several arrays, {source!r} is a dataset")
@@ -36,6 +36,15 @@ def load(
     if size is not None:
         raise ValueError(f"--dataset-size is for generated datasets, {source!r} is downloaded as it is")
     return datasets.fetch(source)  # which shows its own progress
+
+
+def _files_beside(source: str) -> list[str]:
+    """What else there is where the source was looked for, as it would be given."""
+    folder = Path(source).parent
+    try:
+        return [str(folder / name.name) for name in folder.iterdir()]
+    except OSError:
+        return []
 
 
 def load_raw(source: str, shape: str, dtype: str, spacing: str | None, stage: Stages) -> Volume:
