@@ -24,6 +24,13 @@ def box(low, high, shape=(40, 40, 40), **place):
     return wvr.Volume(values, **place)
 
 
+def test_far_away_and_tiny(points=((0, 0, 0), (1, 2, 3))):
+    for scale, offset in ((1e-9, 0), (1, 1e9), (1e12, 0)):
+        camera = framed(scale * np.array(points) + offset, (1, 1, 1), (0, 0, 1))
+        x, y = camera.project(scale * np.array(points) + offset, (100, 100)).T
+        assert np.all((x > 0) & (x < 99) & (y > 0) & (y < 99)) and max(np.ptp(x), np.ptp(y)) > 80
+
+
 @hypothesis.settings(max_examples=60, deadline=None)
 @hypothesis.given(
     st.lists(vectors, min_size=2, max_size=9),
@@ -67,7 +74,30 @@ def test_visible_points_are_around_what_is_visible():
     points = (visible_points(volume, SEEN) - volume.origin) / volume.spacing
     assert np.all(points.min(axis=0) <= low) and np.all(points.min(axis=0) >= low - 2)
     assert np.all(points.max(axis=0) >= high) and np.all(points.max(axis=0) <= high + 2)
-    assert visible_points(wvr.Volume(np.zeros((4, 4, 4))), SEEN).shape == (0, 3)
+    empty = wvr.Volume(np.zeros((4, 4, 4)))
+    np.testing.assert_array_equal(visible_points(empty, SEEN), empty.corners)
+
+
+def test_what_is_cut_away_is_not_visible():
+    volume = box((8, 8, 8), (32, 32, 32))
+    clips = [wvr.ClipPlane((20, 0, 0), (-1, 0, 0)), wvr.ClipBox((0, 0, 0), (40, 15, 40)), wvr.ClipSphere((8, 8, 8), 20)]
+    points = visible_points(volume, SEEN, clips)
+    assert points[:, 0].max() <= 20 and points[:, 1].max() <= 15
+    assert np.linalg.norm(points - 8, axis=1).max() <= 20 and points.min() <= 8
+    points = visible_points(volume, SEEN, [wvr.ClipSphere((20, 20, 20), 15, invert=True)])
+    assert np.linalg.norm(points - 20, axis=1).min() >= 15
+    # Where nothing is left the frame is that of the whole.
+    nothing = visible_points(volume, SEEN, [wvr.ClipSphere((0, 0, 0), 1)])
+    np.testing.assert_array_equal(nothing, visible_points(volume, SEEN))
+
+
+def test_labels_are_visible_where_their_functions_are():
+    volume = box((0, 0, 0), (40, 40, 40))
+    labels = np.zeros((40, 40, 40), np.uint8)
+    labels[10:20, 12:22, 14:24] = 5
+    points = visible_points(volume, wvr.Segmentation(labels, {5: SEEN}))
+    assert np.all(points.min(axis=0) >= (12, 10, 8)) and np.all(points.max(axis=0) <= (26, 24, 22))
+    np.testing.assert_array_less(visible_points(volume, wvr.Segmentation(labels, {7: SEEN}, SEEN)).min(axis=0), 1)
 
 
 def test_the_image_is_filled():

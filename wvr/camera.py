@@ -171,8 +171,7 @@ class Camera:
         upward = finite_vector(up, "up", "the upward direction")
         if not np.any(upward):
             raise ValueError(f"up must not be zero, got {up!r}")
-        if abs(_unit(upward) @ towards) > 0.999:
-            up = (-upward[2], upward[0], upward[1])
+        up = not_along(upward, towards)
         narrowness = min(positive(aspect, "aspect"), 1.0)
         center = volume.corners.mean(axis=0)
         radius = float(np.linalg.norm(volume.corners - center, axis=1).max())
@@ -277,6 +276,13 @@ class Camera:
         position, target, up = (tuple(v.tolist()) for v in (self.position, self.target, self.up))
         view = f"parallel_scale={self.parallel_scale}" if self.parallel else f"view_angle={self.view_angle}"
         return f"Camera({position}, {target}, up={up}, {view})"
+
+
+def not_along(up: ArrayLike, direction: ArrayLike) -> NDArray[np.float64]:
+    """The upward direction, or where that is along the direction of view, to 2.6 degrees, another, as VTK takes it."""
+    upward, towards = np.asarray(up, np.float64), np.asarray(direction, np.float64)
+    along = np.any(upward) and np.any(towards) and abs(_unit(upward) @ _unit(towards)) > 0.999
+    return np.array([-upward[2], upward[0], upward[1]]) if along else upward
 
 
 def image_size(size: Any) -> tuple[int, int]:

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from .camera import Camera
 from .colormaps import Colors, Opacity, entries
+from .cuts.base import Clip, clip_list
 from .cuts.labels import Segmentation
 from .field.base import Field
-from .framing import framed, visible_points
+from .framing import Showing, framed, visible_points
 from .light.lighting import Lighting, Mode
 from .light.lights import DirectionalLight, Headlight
 from .light.shadows import ConvolutionShadows
@@ -61,6 +62,7 @@ class Call(NamedTuple):
     shadows: ConvolutionShadows | bool | None = None
     background: Any = None
     segmentation: Segmentation | None = None
+    clip: Clip | Sequence[Clip] | None = None
 
     def look(self, volume: Field, size: tuple[int, int]) -> Look:
         """For a volume and so many pixels.
@@ -75,7 +77,8 @@ class Call(NamedTuple):
         if self.transfer_function is not None or self.segmentation is None:
             function, chosen = function_of(self.transfer_function, volume, self.opacity, self.clim)
             function = function.for_volume(volume)
-        camera = camera_of(self.camera, volume, function, size[0] / size[1])
+        shown: Any = function if self.segmentation is None else self.segmentation.for_volume(volume)
+        camera = camera_of(self.camera, volume, shown, size[0] / size[1], clip_list(self.clip))
         lighting = lighting_of(self.lighting, chosen is not None and chosen.surfaces, camera)
         background = BACKGROUND if self.background is None and chosen is not None else self.background
         return Look(function, camera, lighting, shadows_of(self.shadows, lighting, camera), background)
@@ -108,7 +111,8 @@ def function_of(
             own = None if PRESETS[given].range == HOUNSFIELD else volume.range
             if own is None and clim is None:
                 _doubt_hounsfield(given, volume)
-            return TransferFunction.preset(given, own if clim is None else _limits(clim)), None
+            name: Any = given
+            return TransferFunction.preset(name, own if clim is None else _limits(clim)), None
         _refuse("clim", clim, f"{given!r} has its own scalars")
         return TransferFunction.load(given), None
     if given is None and opacity is None and clim is None:
@@ -204,7 +208,9 @@ def recolored(tf: TransferFunction, colors: Colors, limits: tuple[float, float])
     return TransferFunction.from_arrays(knots, painted, opacity, tf.unit_distance)
 
 
-def camera_of(given: CameraLike | None, volume: Field, tf: TransferFunction | None, aspect: float) -> Camera:
+def camera_of(
+    given: CameraLike | None, volume: Field, shown: Showing, aspect: float, clips: Sequence[Clip] = ()
+) -> Camera:
     """The camera that is meant.
 
     Parameters
@@ -217,7 +223,7 @@ def camera_of(given: CameraLike | None, volume: Field, tf: TransferFunction | No
         return given
     view: View | None = None
     if given is None:
-        view = View(np.array([1.0, 0.6, 0.4]), np.array([0.0, 0.0, 1.0])) if tf is None else suggested_view(volume, tf)
+        view = suggested_view(volume, shown)
     elif isinstance(given, str):
         if given not in NAMES:
             raise ValueError(f"camera must be one of {', '.join(NAMES)}, got {given!r}{near(given, NAMES)}")
@@ -241,20 +247,7 @@ def camera_of(given: CameraLike | None, volume: Field, tf: TransferFunction | No
             )
         up = (0.0, 0.0, 1.0) if np.linalg.norm(vectors[:2]) > 1e-3 * abs(vectors[2]) else (0.0, 1.0, 0.0)
         view = View(vectors, np.array(up))
-    return fitted(view, volume, tf, aspect=aspect)
-
-
-def fitted(
-    view: View,
-    volume: Field,
-    tf: TransferFunction | None,
-    view_angle: float = 30.0,
-    aspect: float = 1.0,
-    parallel: bool = False,
-) -> Camera:
-    """The camera of a view with all that is visible in the frame, or all of the box where nothing is."""
-    points = volume.corners if tf is None else visible_points(volume, tf)
-    return framed(points if len(points) else volume.corners, *view, view_angle, aspect, parallel)
+    return framed(visible_points(volume, shown, clips), *view, aspect=aspect)
 
 
 def lighting_of(given: LightingLike | None, surfaces: bool, camera: Camera) -> Lighting | None:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .camera import Camera
+from .camera import Camera, not_along
+from .cuts.base import Clip
+from .cuts.labels import Segmentation
 from .field.base import Field
-
-if TYPE_CHECKING:
-    from .transfer_function import TransferFunction
+from .transfer_function import TransferFunction
 
 Floats = NDArray[np.float64]
+# What says which samples are seen: a transfer function, or labels that have one each.
+Showing: TypeAlias = TransferFunction | Segmentation
 # Blocks along the longest axis that are looked at for what is visible.
 BLOCKS = 48
 # Samples along it that are looked at.
@@ -24,37 +27,54 @@ FAINT = 0.02
 MARGIN = 0.04
 
 
-def visible_depths(volume: Field, tf: TransferFunction) -> tuple[NDArray[np.floating], int]:
+def visible_depths(volume: Field, shown: Showing) -> tuple[NDArray[np.floating], int]:
     """Mean optical depth of blocks of samples [z, y, x], seen from a side, and the samples along a block.
 
-    Of a volume with at most 160 samples along an axis, equally spaced ones of a larger.
+    Of a volume with at most 160 samples along an axis, equally spaced ones of a larger; ``shown`` is the transfer
+    function, or labels that have some.
     """
     samples = volume.host()  # type: ignore[attr-defined]
     step = max(1, -(-max(samples.shape) // SAMPLES))
     some = samples[::step, ::step, ::step]
-    per_voxel = extinction_of(some, tf, volume.smallest_spacing) * volume.smallest_spacing
+    per_voxel = _extinction(some, shown, step, volume.smallest_spacing) * volume.smallest_spacing
     width = max(1, -(-max(some.shape) // BLOCKS))
     # As long as a block is on average, in voxels of the smallest spacing.
     lengths = np.linalg.norm(volume.index_to_world[:3, :3], axis=0) / volume.smallest_spacing
     return block_means(per_voxel, width) * (width * step * float(np.mean(lengths))), width * step
 
 
-def visible_points(volume: Field, tf: TransferFunction) -> Floats:
-    """World positions of the corners of blocks in which there is something to see, shape (n, 3); none where nothing.
+def visible_points(volume: Field, shown: Showing | None, clips: Sequence[Clip] = ()) -> Floats:
+    """World positions of the corners of blocks in which there is something to see, shape (n, 3).
 
-    Of a field without samples the corners of its box.
+    Where there is nothing, or nothing is known, the corners of the volume's box.
     """
-    if not hasattr(volume, "host"):
+    if shown is None or not hasattr(volume, "host"):
         return volume.corners
-    depths, width = visible_depths(volume, tf)
+    depths, width = visible_depths(volume, shown)
     found = np.argwhere(depths > FAINT)
     last = np.array(volume.shape) - 1.0
     corners = np.array([[(c >> a) & 1 for a in range(3)] for c in range(8)])
     # What a sample is seen in are the cells on both sides of it.
     nodes = np.clip((found[:, None, :] + corners) * width - (1 - corners), 0, last)
     nodes = np.where(last == 0, corners - 0.5, nodes).reshape(-1, 3)
-    points = np.unique(nodes, axis=0)[:, ::-1]
-    return points @ volume.index_to_world[:3, :3].T + volume.index_to_world[:3, 3]
+    points = np.unique(nodes, axis=0)[:, ::-1] @ volume.index_to_world[:3, :3].T + volume.index_to_world[:3, 3]
+    kept = np.ones(len(points), bool)
+    for clip in clips:
+        kept &= clip.keeps(points)
+    if kept.any():
+        return points[kept]
+    return points if len(points) else volume.corners
+
+
+def _extinction(some: NDArray, shown: Showing, step: int, smallest_spacing: float) -> NDArray[np.float32]:
+    if not isinstance(shown, Segmentation):
+        return extinction_of(some, shown, smallest_spacing)
+    states = shown.states.of_label[shown.labels.host()[::step, ::step, ::step]]
+    result = np.zeros(some.shape, np.float32)
+    if states.shape == some.shape:  # else the scene says that it is not
+        for state, tf in enumerate(shown.states.functions):
+            result[states == state] = extinction_of(some[states == state], tf, smallest_spacing)
+    return result
 
 
 def extinction_of(samples: NDArray, tf: TransferFunction, smallest_spacing: float) -> NDArray[np.float32]:
@@ -93,7 +113,7 @@ def framed(
     """
     points = np.asarray(points, np.float64)
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    probe = Camera(middle + np.asarray(direction, np.float64), middle, up, view_angle)
+    probe = Camera(direction, (0, 0, 0), not_along(up, direction), view_angle)
     right, upward, forward = probe.basis()
     u, v, w = (points - middle) @ right, (points - middle) @ upward, -(points - middle) @ forward
     tall = np.tan(np.radians(view_angle) / 2) * (1 - 2 * MARGIN)

@@ -8,12 +8,13 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .camera import Camera, image_size
+from .cuts.base import clip_list
 from .defaults import Call, lighting_of, shadows_of
 from .framing import framed, visible_points
 from .image import Image
@@ -28,6 +29,16 @@ SUFFIXES = (".mp4", ".gif")
 LOOK = ("opacity", "clim", "lighting", "shadows", "background", "segmentation")
 
 
+@overload
+def orbit(
+    data: Any, transfer_function: Any = ..., frames: int = ..., output: None = ..., **options: Any
+) -> Iterator[Image]: ...
+@overload
+def orbit(
+    data: Any, transfer_function: Any = ..., frames: int = ..., *, output: str | os.PathLike[str], **options: Any
+) -> Path: ...
+@overload
+def orbit(data: Any, transfer_function: Any, frames: int, output: str | os.PathLike[str], **options: Any) -> Path: ...
 def orbit(
     data: Any,
     transfer_function: Any = None,
@@ -86,10 +97,11 @@ def orbit(
         raise TypeError("camera is what orbit chooses: give elevation and turn")
     look = call._replace(camera="iso").look(volume, size)
     tf = look.transfer_function
-    points = visible_points(volume, tf) if tf is not None else volume.corners
+    shown = tf if call.segmentation is None else call.segmentation
+    points = visible_points(volume, shown, clip_list(rest.get("clip")))
     if not -90 < elevation < 90:
         raise ValueError(f"elevation must be in (-90, 90) degrees, got {elevation!r}")
-    cameras = _around(points if len(points) else volume.corners, volume, frames, elevation, turn, size[0] / size[1])
+    cameras = _around(points, volume, frames, elevation, turn, size[0] / size[1])
     renderer = Renderer(volume, tf, background=look.background, segmentation=call.segmentation, **rest)
 
     def images() -> Iterator[Image]:
@@ -123,6 +135,14 @@ def _around(
     return [Camera(middle + distance * direction, middle, up) for direction in directions]
 
 
+@overload
+def time_series(
+    data: Any, transfer_function: Any = ..., camera: Any = ..., *, output: None = ..., **options: Any
+) -> Iterator[Image]: ...
+@overload
+def time_series(
+    data: Any, transfer_function: Any = ..., camera: Any = ..., *, output: str | os.PathLike[str], **options: Any
+) -> Path: ...
 def time_series(
     data: Any,
     transfer_function: Any = None,

@@ -21,7 +21,7 @@ The others are on a relative scale from 0 (nothing) to 1 (the largest signal): m
 
 from __future__ import annotations
 
-from .preset_points import HOUNSFIELD, PRESETS, RELATIVE, Preset, preset_points
+from .preset_points import HOUNSFIELD, PRESETS, RELATIVE, Preset, PresetName, preset_points
 from .suggest import suggestion
 from .transfer_function import TransferFunction
 from .volume import Volume
@@ -34,7 +34,7 @@ def names() -> list[str]:
     return list(PRESETS)
 
 
-def preset(name: str, domain: tuple[float, float] | None = None) -> TransferFunction:
+def preset(name: PresetName, domain: tuple[float, float] | None = None) -> TransferFunction:
     """A transfer function with a name.
 
     Parameters

@@ -275,7 +275,7 @@ def render(
     """
     volume = as_volume(volume)
     size = image_size(size)
-    call = Call(transfer_function, camera, opacity, clim, lighting, shadows, background, segmentation)
+    call = Call(transfer_function, camera, opacity, clim, lighting, shadows, background, segmentation, clip)
     look = call.look(volume, size)
     renderer = Renderer(
         volume,

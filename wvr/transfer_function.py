@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from .color import linear_rgb
 from .colormaps import Colors, Opacity, check_opacity, entries, opacities, sampled
 from .files import known_suffix, write_text
-from .preset_points import preset_points
+from .preset_points import PresetName, preset_points
 from .validation import check_domain, finite_array, positive
 
 Floats = NDArray[np.float64]
@@ -228,7 +228,7 @@ class TransferFunction:
         )
 
     @classmethod
-    def preset(cls, name: str, domain: tuple[float, float] | None = None) -> TransferFunction:
+    def preset(cls, name: PresetName, domain: tuple[float, float] | None = None) -> TransferFunction:
         """A transfer function with a name; see :func:`wvr.presets.preset`."""
         return cls(preset_points(name, domain))
 

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .field.base import Field
-from .framing import FAINT, visible_depths
-from .transfer_function import TransferFunction
+from .framing import FAINT, Showing, visible_depths
 
 Floats = NDArray[np.float64]
 ViewName = Literal[
@@ -86,8 +85,8 @@ def front_and_up(volume: Field) -> tuple[Floats, Floats]:
     return np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
-def suggested_view(volume: Field, tf: TransferFunction) -> View:
-    """A view that suits what is visible with a transfer function.
+def suggested_view(volume: Field, shown: Showing) -> View:
+    """A view that suits what is visible with a transfer function, or labels.
 
     A patient is seen from the front, the head above; a single slice along its normal. Of other data no file says where
     up is. Things stand on something, or go on, at one face of the box much more than at the one across: that is
@@ -108,7 +107,7 @@ def suggested_view(volume: Field, tf: TransferFunction) -> View:
         return View(of_patient(towards, anatomical), of_patient((0, 0, 1), anatomical))
     if not hasattr(volume, "host") or len(thin):
         return View(np.array([1.0, 0.6, 0.4]), np.array([0.0, 0.0, 1.0]))
-    depths, width = visible_depths(volume, tf)
+    depths, width = visible_depths(volume, shown)
     depths = depths.transpose()  # x, y, z
     seen = depths > FAINT
     steps = width * np.linalg.norm(volume.index_to_world[:3, :3], axis=0)

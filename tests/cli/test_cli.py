@@ -18,9 +18,9 @@ import wvr
 from wvr.cli import stages
 from wvr.cli.render import _stem
 from wvr.color import srgb_to_linear
-from wvr.defaults import Call, fitted
+from wvr.defaults import Call
+from wvr.framing import framed, visible_points
 from wvr.presets import preset, suggest
-from wvr.views import View
 
 from .helpers import SIZE, spheres
 
@@ -124,13 +124,14 @@ def test_integrators(run, rendered, text, integrator):
         ("--up x --parallel", (0.4, 1, 0.6), (1, 0, 0), {"parallel": True}),
         ("--direction -1,0,2 --up 0,0.5,-1 --view-angle 20", (-1, 0, 2), (0, 0.5, -1), {"view_angle": 20}),
         ("--direction 0,-1,0", (0, -1, 0), (0, 0, 1), {}),
+        ("--direction 0,0,2", (0, 0, 2), (-1, 0, 0), {}),
         ("--camera yz", (1, 0, 0), (0, 0, 1), {}),
         ("--camera iso --up y --size 10x20", (1, 1, 1), (0, 1, 0), {"aspect": 0.5}),
     ],
 )
 def test_a_camera_that_shows_all_that_is_visible(run, rendered, arguments, direction, up, lens):
     render_spheres(run, *arguments.split())
-    same_camera(rendered["camera"], fitted(View(direction, up), spheres(), rendered["tf"], **lens))
+    same_camera(rendered["camera"], framed(visible_points(spheres(), rendered["tf"]), direction, up, **lens))
 
 
 def test_the_default_camera_is_that_of_the_api(run, rendered):

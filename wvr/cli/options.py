@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ..camera import Camera
     from ..cuts.base import Clip
     from ..cuts.labels import Segmentation
+    from ..framing import Showing
     from ..integrators import Integrator
     from ..light.lighting import Lighting
     from ..light.shadows import ConvolutionShadows
@@ -126,12 +127,12 @@ def clips_of(planes: list[str] | None, boxes: list[str] | None, balls: list[str]
     ]
 
 
-def view_of(volume: Volume, tf: TransferFunction, direction: str | None, up: str | None) -> View:
+def view_of(volume: Volume, shown: Showing, direction: str | None, up: str | None) -> View:
     """Where it is seen from: as suggested, but for what is given."""
     from ..views import View, suggested_view
 
     if direction is None and up is None:
-        return suggested_view(volume, tf)
+        return suggested_view(volume, shown)
     upward = (0.0, 0.0, 1.0) if up is None else AXES.get(up) or _numbers(up, "--up", "0,0,1")
     towards = _default_direction(upward) if direction is None else _numbers(direction, "--direction", "1,0.6,0.4")
     if not np.any(towards):
@@ -140,17 +141,22 @@ def view_of(volume: Volume, tf: TransferFunction, direction: str | None, up: str
 
 
 def camera_of(
-    volume: Volume, tf: TransferFunction, place: tuple[str | None, str | None, str | None], lens: Lens
+    volume: Volume,
+    shown: Showing,
+    clips: list[Clip],
+    place: tuple[str | None, str | None, str | None],
+    lens: Lens,
 ) -> Camera:
     """From ``place``, what is given for --camera, --direction and --up."""
     from ..camera import Camera
-    from ..defaults import fitted
+    from ..framing import framed, visible_points
     from ..views import NAMES, named_view
 
     camera, direction, up = place
     view_angle, parallel, aspect = lens
     if camera is None:
-        return fitted(view_of(volume, tf, direction, up), volume, tf, view_angle, aspect, parallel)
+        view = view_of(volume, shown, direction, up)
+        return framed(visible_points(volume, shown, clips), *view, view_angle, aspect, parallel)
     if direction is not None:
         raise ValueError("give --camera or --direction, not both")
     if not re.match(r"[-+.\d]", camera):
@@ -160,8 +166,8 @@ def camera_of(
             )
         view = named_view(camera, volume)
         if up is not None:
-            view = view._replace(up=view_of(volume, tf, None, up).up)
-        return fitted(view, volume, tf, view_angle, aspect, parallel)
+            view = view._replace(up=view_of(volume, shown, None, up).up)
+        return framed(visible_points(volume, shown, clips), *view, view_angle, aspect, parallel)
     numbers = _numbers(camera, "--camera", "300,200,100,0,0,0")
     upward = AXES.get(up or "z") or _numbers(up or "", "--up", "0,0,1")
     perspective = Camera(numbers[:3], numbers[3:], upward, view_angle)

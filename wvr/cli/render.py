@@ -168,13 +168,13 @@ def render(
             volume = load(source, scalars, nan, dataset_size, stage)
         transfer_function, chosen = transfer_function_of(tf, cmap, opacity, clim, volume)
         transfer_function = transfer_function.for_volume(volume)
-        place = (camera, direction, up)
-        view = camera_of(volume, transfer_function, place, Lens(view_angle, parallel, width / height))
+        segmentation = None if labels is None else labels_of(labels, transfer_function)
+        lens = Lens(view_angle, parallel, width / height)
+        view = camera_of(volume, segmentation or transfer_function, clips, (camera, direction, up), lens)
         if light is None or isinstance(light, bool):
             light = lighting_for(light, chosen is not None and chosen.surfaces, view)
         if background is None and chosen is not None and (piped or output.suffix.lower() in PIXEL_WRITERS):
             background = BACKGROUND
-        segmentation = None if labels is None else labels_of(labels, transfer_function)
         stage("rendering")
         image = wvr.render(
             volume,
