@@ -18,7 +18,7 @@ from .volume import Volume
 # than solid ones.
 FRACTIONS = np.array([0.05, 0.25, 0.5, 0.8])
 SHARES = np.array([0.02, 0.4, 0.8, 0.97])
-DEPTHS = np.array([0.3, 1.2, 2.5, 4.0])
+DEPTHS = np.array([0.4, 1.4, 2.5, 4.0])
 MAX_OPACITY = 0.9
 # A part of the range without samples that separates an object from its background.
 GAP = 0.1
