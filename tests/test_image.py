@@ -352,3 +352,21 @@ def test_show_says_so_where_there_is_no_display(lit):
     matplotlib.use("agg")
     with pytest.raises(RuntimeError, match=r"show needs a display.*image\.save"):
         lit.show()
+
+
+def test_strips_are_seamless_and_need_little_memory(monkeypatch):
+    import tracemalloc
+
+    image = make_image(height=60, width=50)
+    whole = [image.to_uint8(background) for background in (None, "red")]
+    monkeypatch.setattr("wvr.image.STRIP", 170)
+    for background, pixels in zip((None, "red"), whole, strict=True):
+        np.testing.assert_array_equal(image.to_uint8(background), pixels)
+    monkeypatch.undo()
+    large = Image(np.ones((3000, 1000, 4), np.float32), np.ones((3000, 1000), np.int32))
+    tracemalloc.start()
+    large.to_uint8("red")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # The result is 9 MB; float64 of all would be 72 MB and more.
+    assert peak < 60e6

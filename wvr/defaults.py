@@ -72,6 +72,9 @@ class Call(NamedTuple):
         TypeError, ValueError
             For what is no shorthand, naming the argument.
         """
+        if not isinstance(self.segmentation, Segmentation | None):
+            kind = type(self.segmentation).__name__
+            raise TypeError(f"segmentation must be a Segmentation or None, got {kind}")
         chosen: Suggestion | None = None
         function: TransferFunction | None = None
         if self.transfer_function is not None or self.segmentation is None:

@@ -19,6 +19,8 @@ from .files import known_suffix, whole_file
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+# Pixels that are encoded at a time.
+STRIP = 2**18
 # Backends of Matplotlib that only write files.
 WITHOUT_DISPLAY = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
 
@@ -145,11 +147,20 @@ class Image:
             premultiplied and whose alpha is linear.
         """
         background = self.background if background is None else background
-        if background is not None and background != "transparent":
-            return _quantised(linear_to_srgb(self.composited(background)))
-        color, alpha = self.rgba[..., :3].astype(np.float64), self.rgba[..., 3:].astype(np.float64)
-        straight = np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0)
-        return _quantised(np.concatenate([linear_to_srgb(straight), alpha], axis=-1))
+        behind = None if background is None or background == "transparent" else linear_rgb(background, "background")
+        width, height = self.size
+        pixels = np.empty((height, width, 4 if behind is None else 3), np.uint8)
+        rows = max(1, STRIP // width)
+        for top in range(0, height, rows):
+            # Float64 of a strip at a time, not of all of a large image.
+            color, alpha = np.split(self.rgba[top : top + rows].astype(np.float64), [3], axis=-1)
+            if behind is None:
+                straight = np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0)
+                encoded = np.concatenate([linear_to_srgb(straight), alpha], axis=-1)
+            else:
+                encoded = linear_to_srgb(color + (1.0 - alpha) * behind)
+            pixels[top : top + rows] = _quantised(encoded)
+        return pixels
 
     def plot(self, ax: Axes | None = None, scalar_bar: bool = True, axes: bool = True, outline: bool = False) -> Axes:
         """Draw the image with Matplotlib, as screens want it.
