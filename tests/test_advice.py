@@ -26,14 +26,15 @@ def rendered(points, camera=None):
         ([(300, "red", 0), (400, "red", 1)], "from 0 to 200, .* from 300 to inf; give it .* opacity among them"),
         ([(-9, "red", 1), (-5, "red", 0)], "from 0 to 200, .* from -inf to -5; give it .* opacity among them"),
         ([(0, "red", 0), (255, "red", 0)], "it has no opacity at all; give it"),
-        ([(0, "red", 0), (255, "red", 1e-5)], "raise opacities, or make unit_distance smaller"),
+        ([(0, "red", 0), (255, "red", 1e-5)], "^nothing is .* raise opacities, or make unit_distance smaller"),
+        ([(0, "red", 0), (255, "red", 3e-3)], "^nearly nothing is .* raise opacities, or make unit_distance smaller"),
         ([(-1024, "red", 0), (3000, "red", 1)], "from 0 to 200, a small part .* from -1024 to 3000.*domain"),
     ],
 )
 def test_nothing_to_see(points, message):
     with pytest.warns(UserWarning, match=message) as caught:
         rendered(points)
-    assert caught[0].filename == __file__
+    assert [one.filename for one in caught] == [__file__]
 
 
 def test_nothing_in_view():

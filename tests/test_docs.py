@@ -29,9 +29,12 @@ def test_code_runs(page, tmp_path, monkeypatch, threads):
 
 def test_the_example_of_the_readme_writes_an_image_and_says_how_wrong_it_is(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    example = blocks(ROOT / "README.md")[0]
-    exec(compile(example, "README.md", "exec"), {})
-    assert (tmp_path / "tree.png").stat().st_size > 10_000 and "Image(512 x 512" in capsys.readouterr().out
+    names: dict = {}
+    for example in blocks(ROOT / "README.md")[:2]:
+        exec(compile(example, "README.md", "exec"), names)
+        assert (tmp_path / "tree.png").stat().st_size > 10_000 and "Image(512 x 512" in capsys.readouterr().out
+        (tmp_path / "tree.png").unlink()
+    assert names["image"].max_error <= 1e-3
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -111,7 +114,7 @@ def test_examples_in_docstrings_run():
 
 
 def test_every_option_of_the_command_line_has_help():
-    for command in (cli.render, cli.info, cli.study):
+    for command in (cli.render, cli.orbit, cli.info, cli.warm_up, cli.study):
         text = inspect.getdoc(command) or ""
         for name, parameter in inspect.signature(command).parameters.items():
             group = type(parameter.default)

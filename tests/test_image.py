@@ -163,9 +163,9 @@ def test_float_formats_refuse_a_background(tmp_path, suffix):
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize("name", ["a.jpg", "a", "png", "a.png.bak"])
+@pytest.mark.parametrize("name", ["a.jp2", "a", "png", "a.png.bak"])
 def test_unknown_extension(tmp_path, name):
-    with pytest.raises(ValueError, match=r"path must end in \.png, \.exr, \.tif, \.tiff, \.npy, got"):
+    with pytest.raises(ValueError, match=r"path must end in \.png, \.jpg, \.jpeg, \.exr, \.tif, \.tiff, \.npy, got"):
         make_image().save(tmp_path / name)
     assert os.listdir(tmp_path) == []
 
@@ -211,7 +211,7 @@ def test_unwritable_folder(unwritable_folder, suffix):
     assert os.listdir(unwritable_folder) == []
 
 
-@pytest.mark.parametrize("suffix", [".png", *FLOAT_SUFFIXES])
+@pytest.mark.parametrize("suffix", [".png", ".jpg", *FLOAT_SUFFIXES])
 def test_failing_encoder_keeps_the_old_file(tmp_path, monkeypatch, suffix):
     path = tmp_path / f"a{suffix}"
     path.write_bytes(b"old")
@@ -220,7 +220,7 @@ def test_failing_encoder_keeps_the_old_file(tmp_path, monkeypatch, suffix):
         target.write(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("wvr.image._write_png", disk_full)
+    monkeypatch.setattr("wvr.image.PIXEL_WRITERS", dict.fromkeys([".png", ".jpg"], disk_full))
     monkeypatch.setattr("wvr.image.FLOAT_WRITERS", dict.fromkeys(FLOAT_SUFFIXES, disk_full))
     with pytest.raises(OSError, match="No space left"):
         make_image().save(path)
@@ -285,3 +285,88 @@ def test_repr():
     image = Image(np.zeros((512, 512, 4), np.float32), np.full((512, 512), 47, np.int32), stats={"seconds": 0.21})
     assert repr(image) == "Image(512 x 512, 12.3 M samples, 0.21 s)"
     assert repr(Image(image.rgba, np.full((512, 512), 2**14, np.int32))) == "Image(512 x 512, 4.29 G samples)"
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "b.JPEG"])
+def test_jpegs_are_in_front_of_white_or_what_is_asked_for(tmp_path, name):
+    from PIL import Image as PillowImage
+
+    for background, behind in ((None, 255), ("black", 0)):
+        uniform([0, 0, 0, 0]).save(tmp_path / name, background)
+        np.testing.assert_array_equal(np.asarray(PillowImage.open(tmp_path / name)), [[[behind] * 3]])
+    uniform([0, 0, 0, 0], "black").save(tmp_path / name)
+    assert not np.asarray(PillowImage.open(tmp_path / name)).any()
+    with pytest.raises(ValueError, match="background must be a colour for"):
+        uniform([0, 0, 0, 0]).save(tmp_path / name, "transparent")
+
+
+def test_the_largest_bound():
+    assert make_image().max_error == np.inf
+    image = Image(np.zeros((2, 3, 4), np.float32), np.zeros((2, 3), np.int32), np.arange(6.0).reshape(2, 3))
+    assert image.max_error == 5
+
+
+@pytest.fixture(scope="module")
+def lit():
+    """Of a box that is twice as long along x, from straight above: what is where is known."""
+    import wvr
+
+    volume = wvr.Volume(np.tile(np.uint8([2, 4, 6, 8, 9]), (3, 3, 1)))
+    tf = wvr.TransferFunction([(0, "red", 0.5), (10, "blue", 0.5)])
+    camera = wvr.Camera((2, 1, 9), (2, 1, 1), up=(0, 1, 0), parallel_scale=2)
+    return wvr.render(volume, tf, camera, (40, 20), background="black", integrator=wvr.Riemann(1.0))
+
+
+def test_a_plot_shows_what_a_png_does(lit):
+    import matplotlib.pyplot as plt
+
+    ax = lit.plot(outline=True)
+    try:
+        np.testing.assert_array_equal(ax.images[0].get_array(), lit.to_uint8())
+        # The outline's corners are where the box's are: a scale of 2 is 10 pixels high, 5 pixels a voxel.
+        corners = {tuple(np.round(point, 6)) for line in ax.lines for point in line.get_xydata()}
+        assert {(9.5, 4.5), (29.5, 14.5)} <= corners and len(ax.lines) == 12
+        # x to the right, y upwards, z at the viewer: its tip is where the arrows start.
+        tips = {text.get_text(): np.array(text.get_position()) for text in ax.texts if text.get_text()}
+        assert set(tips) == {"x", "y", "z"}
+        assert tips["x"][0] > tips["z"][0] and tips["y"][1] < tips["z"][1]
+        (bar,) = (other for other in ax.figure.axes if other is not ax)
+        assert bar.get_ylim() == (2, 9)
+    finally:
+        plt.close(ax.figure)
+
+
+def test_a_plot_without_anything_and_on_axes_that_there_are(lit):
+    from matplotlib.figure import Figure
+
+    ax = Figure().subplots()
+    assert lit.plot(ax, scalar_bar=False, axes=False) is ax
+    assert not ax.texts and len(ax.figure.axes) == 1
+    # An image whose scene is not known is just drawn.
+    assert len(make_image().plot(Figure().subplots()).figure.axes) == 1
+
+
+def test_show_says_so_where_there_is_no_display(lit):
+    import matplotlib
+
+    matplotlib.use("agg")
+    with pytest.raises(RuntimeError, match=r"show needs a display.*image\.save"):
+        lit.show()
+
+
+def test_strips_are_seamless_and_need_little_memory(monkeypatch):
+    import tracemalloc
+
+    image = make_image(height=60, width=50)
+    whole = [image.to_uint8(background) for background in (None, "red")]
+    monkeypatch.setattr("wvr.image.STRIP", 170)
+    for background, pixels in zip((None, "red"), whole, strict=True):
+        np.testing.assert_array_equal(image.to_uint8(background), pixels)
+    monkeypatch.undo()
+    large = Image(np.ones((3000, 1000, 4), np.float32), np.ones((3000, 1000), np.int32))
+    tracemalloc.start()
+    large.to_uint8("red")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # The result is 9 MB; float64 of all would be 72 MB and more.
+    assert peak < 60e6

@@ -84,7 +84,7 @@ def test_noise_is_transparent_and_the_object_is_not(background):
     tf = suggestions["bands"]
     assert next(iter(suggestions)) == "bands"
     # Seen through, the ball (29 voxels across) neither vanishes nor hides what is behind its first voxels.
-    assert 0.5 < tf.extinction(160) * 29 < 6
+    assert 0.5 < tf.extinction(160) * 29 < 7
     assert np.all(np.diff(tf.extinction(np.arange(256))) >= 0)
 
 
@@ -97,20 +97,20 @@ def test_a_bright_background_is_mirrored():
 
 
 def test_opacity_of_a_box_has_a_closed_form():
-    # All that is not background is in the highest band, whose optical depth shall be 3 through 16 voxels.
+    # All that is not background is in the highest band, whose optical depth shall be 4 through 16 voxels.
     values = np.zeros((40, 40, 40), np.uint8)
     values[8:24, 8:24, 8:24] = 200
-    assert suggest(Volume(values))["bands"].opacities[-1] == pytest.approx(-math.expm1(-3 / 16), rel=1e-12)
+    assert suggest(Volume(values))["bands"].opacities[-1] == pytest.approx(-math.expm1(-4 / 16), rel=1e-12)
     # Voxels twice as long along z: 32, 16 and 16 of the smallest spacing, and half the rays along y and x.
     volume = Volume(values, spacing=(0.5, 0.5, 1.0))
-    assert suggest(volume)["bands"].opacities[-1] == pytest.approx(-math.expm1(-(1 / 32 + 2 / 16)), rel=1e-12)
+    assert suggest(volume)["bands"].opacities[-1] == pytest.approx(-math.expm1(-4 / 3 * (1 / 32 + 2 / 16)), rel=1e-12)
 
 
 def test_large_volumes_are_sampled_with_strides():
     values = np.zeros((40, 40, 320), np.uint8)
     values[8:24, 8:24, 60:90] = 200
     tf = suggest(Volume(values))["bands"]
-    assert tf.opacities[-1] == pytest.approx(-math.expm1(-(2 / 16 + 1 / 30)), rel=1e-12)
+    assert tf.opacities[-1] == pytest.approx(-math.expm1(-4 / 3 * (2 / 16 + 1 / 30)), rel=1e-12)
 
 
 def test_sparse_data_get_more_opacity_than_solid_data():

@@ -138,9 +138,18 @@ def test_table_size_and_generator(scene):
 @pytest.mark.parametrize(
     ("kwargs", "error", "message"),
     [
-        ({"volume": np.zeros((2, 2, 2))}, TypeError, "volume must be a Volume, got ndarray"),
-        ({"transfer_function": "bone"}, TypeError, "transfer_function must be a TransferFunction, got 'bone'"),
-        ({"camera": None}, TypeError, "camera must be a Camera, got NoneType"),
+        ({"volume": object()}, TypeError, "data must be a Volume, a path, an array .*, got object"),
+        (
+            {"transfer_function": "bonee"},
+            ValueError,
+            "transfer_function must be a Tr.*got 'bonee'; did you mean 'bone'",
+        ),
+        ({"transfer_function": 7}, TypeError, "transfer_function must be a TransferFunction, .* got int"),
+        ({"camera": "ios"}, ValueError, "camera must be one of iso, .*got 'ios'; did you mean 'iso'"),
+        ({"camera": 7}, TypeError, "camera must be a Camera, .*got 7"),
+        ({"lighting": "phong"}, TypeError, "lighting must be a Lighting, True, .*got 'phong'"),
+        ({"opacity": "linear"}, ValueError, "opacity is for colour maps, .*got 'linear'"),
+        ({"clim": (0, 1)}, ValueError, "clim is for colour maps and presets, .*got"),
         ({"integrator": "riemann"}, TypeError, "integrator must be an Integrator such as .*, got 'riemann'"),
         ({"size": (0, 5)}, ValueError, r"size must be \(width, height\), each >= 1, got \(0, 5\)"),
         ({"size": (5, -1)}, ValueError, "size"),

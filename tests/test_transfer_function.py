@@ -8,10 +8,12 @@ import re
 import matplotlib
 import numpy as np
 import pytest
+import pyvista
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.colors import ListedColormap
 
+import wvr
 from wvr.transfer_function import MAX_OPACITY, TransferFunction
 
 GREY = (0.5, 0.5, 0.5)
@@ -186,21 +188,72 @@ def test_repr_says_what_it_is():
 
 
 @pytest.mark.parametrize("m", [2, 4, 7, 52, 256, 300])
-def test_from_colormap_keeps_colours_and_extinction_exact(m):
+def test_from_colormap_keeps_colours_and_opacity(m):
     opacity = np.random.default_rng(m).uniform(0, 1, m)
     tf = TransferFunction.from_colormap("viridis", domain=(-3, 7), opacity=opacity)
     at_opacity, at_color = np.linspace(-3, 7, m), np.linspace(-3, 7, 256)
     s = np.linspace(-4, 8, 5001)
-    depth = -np.log1p(-opacity)
-    np.testing.assert_allclose(tf.extinction(s), np.interp(s, at_opacity, depth), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(-np.expm1(-tf.extinction(s)), np.interp(s, at_opacity, opacity), atol=1 / 512)
     srgb = np.array([matplotlib.colormaps["viridis"](i)[:3] for i in range(256)])
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     for channel in range(3):
         np.testing.assert_allclose(tf.color(s)[:, channel], np.interp(s, at_color, linear[:, channel]), atol=1e-12)
     assert tf.knots[0] == -3 and tf.knots[-1] == 7 and np.all(np.diff(tf.knots) > 0)
-    # Coinciding control points are one: with gcd(m - 1, 255) + 1 of them in common.
-    assert len(tf.knots) == m + 256 - math.gcd(m - 1, 255) - 1
+    # Coinciding control points are one: with gcd(m - 1, 255) + 1 of them in common. Some are added between.
+    assert m + 256 - math.gcd(m - 1, 255) - 1 <= len(tf.knots) <= 25 * m + 256
+    assert np.diff(tf.knots).min() > 1e-9
     assert set(opacity) <= set(tf.opacities)
+
+
+NAMED = ["linear", "linear_r", "geom", "geom_r", "sigmoid", "sigmoid_r", "sigmoid_1", "sigmoid_5", "sigmoid_20"]
+
+
+@pytest.mark.parametrize("name", [*NAMED, "sigmoid_3_r", "foreground"])
+def test_named_opacities_are_those_of_pyvista(name):
+    """But for its rounding down to 8 bits."""
+    expected = pyvista.opacity_transfer_function(name, 256) / 255
+    tf = TransferFunction.from_colormap("gray", (0, 255), name)
+    opacity = -np.expm1(-tf.extinction(np.arange(256)))
+    assert np.all(opacity - expected > -1e-6) and np.all(opacity - expected < 1 / 255 + 1e-6)
+
+
+def test_opacity_is_linear_between_few_colours_too():
+    tf = TransferFunction.from_colormap(["black", "red"], (0, 1), [0, 1, 0])
+    s = np.linspace(0, 1, 3001)
+    np.testing.assert_allclose(-np.expm1(-tf.extinction(s)), 1 - np.abs(2 * s - 1), atol=1 / 512)
+    np.testing.assert_allclose(tf.color(s)[:, 0], s, atol=1e-12)
+
+
+def test_colours_of_a_logarithmic_scale():
+    tf = TransferFunction.from_colormap("viridis", (0.01, 100), "linear", log_scale=True)
+    plain = TransferFunction.from_colormap("viridis", (-2, 2), "linear")
+    assert (tf.knots[0], tf.knots[-1]) == (0.01, 100)
+    for exponent in np.linspace(-2, 2, 256):
+        np.testing.assert_allclose(tf.color(10**exponent), plain.color(exponent), atol=1e-9)
+        np.testing.assert_allclose(tf.extinction(10**exponent), plain.extinction(exponent), rtol=1e-6)
+    with pytest.raises(ValueError, match="domain must be above 0 with log_scale"):
+        TransferFunction.from_colormap("viridis", (0, 1), log_scale=True)
+
+
+def test_fewer_colours_and_symmetric_limits():
+    tf = TransferFunction.from_colormap("viridis", 2.5, 0.5, n_colors=3)
+    assert (tf.knots.tolist(), tf.opacities.tolist()) == ([-2.5, 0, 2.5], [0.5] * 3)
+    full = TransferFunction.from_colormap("viridis", (-2.5, 2.5), 0.5)
+    np.testing.assert_allclose(tf.colors, full.color(tf.knots), atol=1e-12)
+    with pytest.raises(ValueError, match="n_colors must be an integer >= 2, got 1"):
+        TransferFunction.from_colormap("viridis", (0, 1), n_colors=1)
+
+
+def test_the_unit_distance_of_pyvista():
+    tf = TransferFunction.from_colormap("viridis", (0, 1), "linear", "pyvista")
+    volume = wvr.Volume(np.zeros((5, 9, 21), np.uint8), spacing=(1, 2, 0.5))
+    grid = volume.to_pyvista()
+    unit = grid.length / (np.mean(grid.dimensions) - 1)
+    assert tf.for_volume(volume).unit_distance == pytest.approx(unit, rel=1e-12)
+    assert tf.for_volume(volume) == TransferFunction.from_colormap("viridis", (0, 1), "linear", unit)
+    assert tf != TransferFunction.from_colormap("viridis", (0, 1), "linear") and hash(tf) != hash(tf.for_volume(volume))
+    with pytest.raises(ValueError, match="unit_distance must be a length"):
+        tf.extinction(0.5)
 
 
 def test_from_colormap_takes_a_constant_and_a_colormap_object():
@@ -228,6 +281,12 @@ def test_from_colormap_takes_a_constant_and_a_colormap_object():
         (("viridis", (0, 1), [0, math.nan]), ValueError, "opacity must be finite"),
         (("viridis", (0, 1), [[0, 1]]), ValueError, "opacity must have shape"),
         (("viridis", (0, 1), 0.5, 0), ValueError, "unit_distance must be"),
+        (("virdis", (0, 1), 0.5), ValueError, "got 'virdis'; did you mean 'viridis'"),
+        ((["red"], (0, 1), 0.5), ValueError, "colormap must be a list of two or more colours"),
+        ((["red", "bluu"], (0, 1), 0.5), ValueError, r"colormap\[1\] must be"),
+        (("viridis", (0, 1), "sigmod_5"), ValueError, "opacity must be numbers .*got 'sigmod_5'"),
+        (("viridis", (0, 1), "foreground_r"), ValueError, "opacity must be numbers"),
+        (("viridis", (0, 1), [0, 128, 255]), ValueError, "got 128.0; divide 8-bit ones by 255"),
     ],
 )
 def test_from_colormap_errors(arguments, error, message):

@@ -1,5 +1,7 @@
 """wvr, the Warp Volume Renderer: direct volume rendering of regular grids, fast and accurate, on CPUs and CUDA GPUs."""
 
+import sys
+
 from . import datasets, presets
 from .camera import Camera
 from .compare import Comparison, compare
@@ -14,12 +16,15 @@ from .launch import Cancelled, get_num_threads, set_num_threads
 from .light.lighting import Lighting
 from .light.lights import DirectionalLight, Headlight
 from .light.shadows import ConvolutionShadows
+from .movies import orbit, save_movie, time_series
 from .renderer import Renderer, render
 from .scattering import single_scattering
+from .sources import as_volume
 from .transfer.preintegration import preintegrate
 from .transfer.table import Table
 from .transfer_function import TransferFunction
 from .volume import Volume
+from .warm_up import warm_up
 
 __all__ = [
     "AdaptivePreintegrated",
@@ -47,16 +52,25 @@ __all__ = [
     "Table",
     "TransferFunction",
     "Volume",
+    "as_volume",
     "compare",
     "datasets",
     "enclose",
     "get_num_threads",
+    "orbit",
     "preintegrate",
     "presets",
     "read",
     "read_raw",
     "render",
+    "save_movie",
     "set_num_threads",
     "single_scattering",
+    "time_series",
+    "warm_up",
 ]
 __version__ = "0.1.0"
+
+# Whoever imports xarray or PyVista first finds wvr at their objects; others import wvr.accessors.
+if "xarray" in sys.modules or "pyvista" in sys.modules:
+    from . import accessors as accessors

@@ -9,9 +9,10 @@ import numpy as np
 from .image import Image
 from .scene import Scene
 from .transfer_function import TransferFunction
+from .validation import outside
 
-# Opacity of which no pixel of 8 bits shows a trace.
-FAINT = 1 / 255
+# Opacity of which no pixel of 8 bits shows a trace, and up to which an image is as good as empty.
+NOTHING, FAINT = 1 / 255, 0.02
 # A smaller part of a transfer function than is ever meant: it is for other scalars.
 NARROW = 1 / 15
 
@@ -22,7 +23,7 @@ def advise(scene: Scene, image: Image) -> None:
     data = f"the volume's scalars {f'go from {low:g} to {high:g}' if low < high else f'are all {low:g}'}"
     shown = [span for span in map(_shown, scene.functions) if span is not None]
     most = float(image.rgba[..., 3].max())
-    if most < FAINT:
+    if most <= FAINT:
         begin, end = min((a for a, _ in shown), default=0.0), max((b for _, b in shown), default=0.0)
         opaque = f"the transfer function has opacity from {begin:g} to {end:g}" if shown else "it has no opacity at all"
         if not shown or end < low or begin > high:
@@ -31,7 +32,8 @@ def advise(scene: Scene, image: Image) -> None:
             advice = "no ray meets any of it: see that the camera looks at the volume (Camera.fit) and clips leave it"
         else:
             advice = "raise opacities, or make unit_distance smaller"
-        _warn(f"nothing is visible (the largest opacity is {most:.2g}): {data}, {opaque}; {advice}")
+        little = "nothing" if most < NOTHING else "nearly nothing"
+        _warn(f"{little} is visible (the largest opacity is {most:.2g}): {data}, {opaque}; {advice}")
     elif scene.segmentation is None:
         tf = scene.functions[0]
         first, last = float(tf.knots[0]), float(tf.knots[-1])
@@ -56,5 +58,4 @@ def _shown(tf: TransferFunction) -> tuple[float, float] | None:
 
 
 def _warn(message: str) -> None:
-    # Of the line that called wvr.render or Renderer.render.
-    warnings.warn(message, UserWarning, stacklevel=6)
+    warnings.warn(message, UserWarning, stacklevel=outside())

@@ -10,13 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from operator import index
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .field.base import Field
 from .validation import finite_vector, positive
+
+if TYPE_CHECKING:
+    import pyvista as pv
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -168,16 +171,98 @@ class Camera:
         upward = finite_vector(up, "up", "the upward direction")
         if not np.any(upward):
             raise ValueError(f"up must not be zero, got {up!r}")
-        if abs(_unit(upward) @ towards) > 0.999:
-            up = (-upward[2], upward[0], upward[1])
         if not isinstance(volume, Field):
             raise TypeError(f"volume must be a Volume, got {type(volume).__name__}")
+        up = not_along(upward, towards)
         narrowness = min(positive(aspect, "aspect"), 1.0)
         center = volume.corners.mean(axis=0)
         radius = float(np.linalg.norm(volume.corners - center, axis=1).max())
         half_angle = np.arctan(np.tan(np.radians(_view_angle(view_angle)) / 2) * narrowness)
         position = center + radius / np.sin(half_angle) * towards
         return cls(position, center, up, view_angle, radius / narrowness if parallel else None)
+
+    @classmethod
+    def orbit(
+        cls,
+        volume: Field,
+        azimuth: float = 0.0,
+        elevation: float = 20.0,
+        parallel: bool = False,
+        view_angle: float = 30.0,
+        aspect: float = 1.0,
+    ) -> Camera:
+        """A camera on a sphere around the volume, from which all of it is seen as by :meth:`fit`.
+
+        Parameters
+        ----------
+        volume
+            What to look at.
+        azimuth
+            Degrees around the upward axis, counter-clockwise as seen from above; 0 is in front: +x of most volumes, the
+            anterior side of patients.
+        elevation
+            Degrees above the horizon, in (-90, 90). Upwards is +z, of patients towards the head.
+        parallel, view_angle, aspect
+            As of :meth:`fit`.
+
+        Examples
+        --------
+        >>> import wvr
+        >>> camera = wvr.Camera.orbit(wvr.datasets.load("blobs", 8), azimuth=90, elevation=0)
+        >>> bool(abs(camera.position[0] - 3.5) < 1e-9 and camera.position[1] > 3.5)
+        True
+        """
+        from .views import front_and_up
+
+        if not (np.isfinite(azimuth) and -90 < elevation < 90):
+            raise ValueError(
+                f"azimuth must be finite and elevation in (-90, 90) degrees, got {azimuth!r} and {elevation!r}"
+            )
+        front, up = front_and_up(volume)
+        around, above = np.radians(azimuth), np.radians(elevation)
+        level = np.cos(around) * front + np.sin(around) * np.cross(up, front)
+        direction = np.cos(above) * level + np.sin(above) * up
+        return cls.fit(volume, direction, up, parallel, view_angle, aspect)
+
+    def project(self, points: ArrayLike, size: tuple[int, int]) -> NDArray[np.float64]:
+        """Where world points are in an image.
+
+        Parameters
+        ----------
+        points
+            (..., 3) world coordinates.
+        size
+            (width, height) in pixels.
+
+        Returns
+        -------
+        float64, shape (..., 2)
+            Column and row; (0, 0) is the centre of the first pixel. NaN for what is not in front of the camera.
+        """
+        width, height = image_size(size)
+        right, up, forward = self.basis()
+        offset = np.asarray(points, np.float64) - self.position
+        depth = offset @ forward
+        if self.parallel_scale is not None:
+            half: Any = self.parallel_scale
+        else:
+            half = np.where(depth > 0, depth, np.nan) * np.tan(np.radians(self.view_angle) / 2)
+        x, y = offset @ right / half, offset @ up / half
+        return np.stack([(x * height + width - 1) / 2, (height - 1 - y * height) / 2], axis=-1)
+
+    def to_pyvista(self) -> pv.Camera:
+        """The same as a PyVista ``Camera``, for ``plotter.camera``; VTK then chooses its clipping range.
+
+        Two cameras of wvr may differ where this does not: a VTK camera that is orthographic starts at its position.
+        """
+        import pyvista as pv
+
+        camera = pv.Camera()
+        camera.position, camera.focal_point = tuple(self.position), tuple(self.target)
+        camera.up, camera.view_angle = tuple(self.up), self.view_angle
+        if self.parallel_scale is not None:
+            camera.parallel_projection, camera.parallel_scale = True, self.parallel_scale
+        return camera
 
     @classmethod
     def from_pyvista(cls, camera: Any) -> Camera:
@@ -193,6 +278,13 @@ class Camera:
         position, target, up = (tuple(v.tolist()) for v in (self.position, self.target, self.up))
         view = f"parallel_scale={self.parallel_scale}" if self.parallel else f"view_angle={self.view_angle}"
         return f"Camera({position}, {target}, up={up}, {view})"
+
+
+def not_along(up: ArrayLike, direction: ArrayLike) -> NDArray[np.float64]:
+    """The upward direction, or where that is along the direction of view, to 2.6 degrees, another, as VTK takes it."""
+    upward, towards = np.asarray(up, np.float64), np.asarray(direction, np.float64)
+    along = np.any(upward) and np.any(towards) and abs(_unit(upward) @ _unit(towards)) > 0.999
+    return np.array([-upward[2], upward[0], upward[1]]) if along else upward
 
 
 def image_size(size: Any) -> tuple[int, int]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+PLAIN = {"black": "#000000", "white": "#ffffff"}
 ACCEPTED = "a colour name, '#rrggbb', or three finite linear numbers >= 0"
 
 
@@ -43,6 +45,9 @@ def linear_rgb(color: str | Sequence[float], name: str = "color") -> NDArray[np.
         For an unknown name, a colour with transparency, or numbers that are not three, finite and >= 0.
     """
     if isinstance(color, str):
+        if re.fullmatch("#[0-9a-fA-F]{6}", color := PLAIN.get(color, color)):
+            # Without Matplotlib, which takes a while to import.
+            return srgb_to_linear([int(color[i : i + 2], 16) / 255 for i in (1, 3, 5)])
         from matplotlib.colors import to_rgba
 
         try:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .camera import Camera
 from .cuts.labels import label_struct
 from .cuts.volumes import clip_dtype, clip_kinds, clipping_struct
+from .display import Shown
 from .field.base import Field
 from .field.blocks import Seen
 from .image import Image
@@ -107,7 +108,10 @@ class Frame:
             "precision": shown,
         }
         pixels = rgba.numpy().astype(shown, copy=False)
-        return Image(pixels, samples, self.error_bound, stats, self.scene.background, tracer)
+        given = self.given
+        limits, anatomical = given.volume.range, getattr(given.volume, "anatomical", "")
+        scenery = Shown(self.camera, given.volume.corners, limits, given.transfer_function, anatomical)
+        return Image(pixels, samples, self.error_bound, stats, given.background, tracer, scenery)
 
     def halves(self, real: type, march: Any) -> Halves:
         """What a kernel with a ``march`` in a precision is made of."""

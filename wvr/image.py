@@ -7,20 +7,29 @@ from collections.abc import Callable, Sequence
 from io import BytesIO
 from operator import index
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .color import linear_rgb, linear_to_srgb
+from .display import Shown, plot
 from .files import known_suffix, whole_file
 
-# Pixels that are converted at a time.
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Pixels that are encoded at a time.
 STRIP = 1 << 18
+# Backends of Matplotlib that only write files.
+WITHOUT_DISPLAY = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
 
 
 class Image:
-    """What a render returns. ``numpy.asarray(image)`` is its ``rgba``; notebooks show it.
+    """What a render returns; notebooks show it.
+
+    ``numpy.asarray(image)`` is its ``rgba``, linear and premultiplied: arithmetic on light is done with that, and
+    ``to_uint8()`` is what screens show.
 
     Parameters
     ----------
@@ -38,6 +47,8 @@ class Image:
         the default, leaves them transparent. ``rgba`` never has it.
     tracer
         What :meth:`trace` calls; None where the method has no steps to tell.
+    shown
+        What it is an image of, for :meth:`plot` to draw around it; None where that is not known.
     """
 
     def __init__(
@@ -48,6 +59,7 @@ class Image:
         stats: dict[str, Any] | None = None,
         background: str | Sequence[float] | None = None,
         tracer: Callable[[int, int], NDArray[np.void]] | None = None,
+        shown: Shown | None = None,
     ):
         for name, given in (("rgba", rgba), ("samples", samples), ("error_bound", error_bound)):
             if not isinstance(given, np.ndarray) and not (given is None and name == "error_bound"):
@@ -57,13 +69,14 @@ class Image:
         for name, array in (("samples", samples), ("error_bound", error_bound)):
             if array is not None and array.shape != rgba.shape[:2]:
                 raise ValueError(f"{name} must have the shape {rgba.shape[:2]} of rgba, got {array.shape}")
-        if background is not None:
-            linear_rgb(background, "background")
+        if not _is_clear(background):
+            linear_rgb(background, "background")  # type: ignore[arg-type]
         self.rgba = rgba
         self.samples = samples
         self.error_bound = error_bound
         self.stats = {} if stats is None else stats
         self.background = background
+        self.shown = shown
         self._tracer = tracer
 
     @property
@@ -71,6 +84,11 @@ class Image:
         """(width, height) in pixels."""
         height, width = self.rgba.shape[:2]
         return width, height
+
+    @property
+    def max_error(self) -> float:
+        """The largest bound of any pixel; infinite where the method gives none."""
+        return float("inf") if self.error_bound is None else float(self.error_bound.max(initial=0.0))
 
     def trace(self, x: int, y: int) -> NDArray[np.void]:
         """The steps of one ray, of an adaptive method.
@@ -132,11 +150,8 @@ class Image:
             premultiplied and whose alpha is linear.
         """
         background = self.background if background is None else background
-        if background is None or (isinstance(background, str) and background == "transparent"):
-            behind = None
-        else:
-            behind = linear_rgb(background, "background")
-        height, width = self.rgba.shape[:2]
+        behind = None if _is_clear(background) else linear_rgb(background, "background")  # type: ignore[arg-type]
+        width, height = self.size
         pixels = np.empty((height, width, 4 if behind is None else 3), np.uint8)
         # In strips: what is on the way is many times as large as what comes of it.
         rows = max(STRIP // width, 1)
@@ -145,16 +160,60 @@ class Image:
             pixels[start : start + rows] = _straight(strip) if behind is None else _in_front(strip, behind)
         return pixels
 
+    def plot(self, ax: Axes | None = None, scalar_bar: bool = True, axes: bool = True, outline: bool = False) -> Axes:
+        """Draw the image with Matplotlib, as screens want it.
+
+        ``plt.imshow(image)`` would show linear colours as if they were sRGB: too dark.
+
+        Parameters
+        ----------
+        ax
+            Where to; by default a new figure of its size.
+        scalar_bar
+            With the colours of the transfer function, over the scalars that there are.
+        axes
+            With the directions of the world's x, y and z, of a patient's where the file says them.
+        outline
+            With the edges of the volume's box.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            In pixels, the centre of the first at (0, 0).
+        """
+        return plot(self, ax, scalar_bar, axes, outline)
+
+    def show(self) -> None:
+        """Show it in a window (Matplotlib's), with a scalar bar and the world's axes; in a notebook below the cell.
+
+        Raises
+        ------
+        RuntimeError
+            Where there is no display.
+        """
+        import matplotlib
+        import matplotlib.pyplot as plt
+
+        backend = matplotlib.get_backend()
+        if backend.lower() in WITHOUT_DISPLAY:
+            raise RuntimeError(
+                f"show needs a display, Matplotlib has none (backend {backend}): use image.save('image.png'), or "
+                f"image.plot() and its figure's savefig"
+            )
+        self.plot()
+        plt.show()
+
     def save(self, path: str | os.PathLike[str], background: str | Sequence[float] | None = None) -> None:
         """Write the image; the file appears whole or not at all.
 
         Parameters
         ----------
         path
-            The extension, in any case, says what is written: ``.png`` sRGB, 8 bits; the others the linear premultiplied
-            floats: ``.exr`` float32 R, G, B, A; ``.tif``, ``.tiff`` and ``.npy`` in the precision of ``rgba``.
+            The extension, in any case, says what is written: ``.png``, ``.jpg`` and ``.jpeg`` sRGB, 8 bits; the others
+            the linear premultiplied floats: ``.exr`` float32 R, G, B, A; ``.tif``, ``.tiff`` and ``.npy`` in the
+            precision of ``rgba``.
         background
-            For PNG only, as for :meth:`to_uint8`.
+            For PNG and JPEG only, as for :meth:`to_uint8`; a JPEG cannot be transparent and is white by default.
 
         Raises
         ------
@@ -164,11 +223,16 @@ class Image:
             Where the file cannot be written; ``FileNotFoundError`` where its folder does not exist.
         """
         path = Path(path)
-        suffix = known_suffix(path, (".png", *FLOAT_WRITERS))
-        if suffix == ".png":
+        suffix = known_suffix(path, (*PIXEL_WRITERS, *FLOAT_WRITERS))
+        if suffix in PIXEL_WRITERS:
+            background = self.background if background is None else background
+            if suffix != ".png":
+                if background is not None and _is_clear(background):
+                    raise ValueError(f'background must be a colour for {suffix}, which is opaque, got "transparent"')
+                background = "white" if background is None else background
             pixels = self.to_uint8(background)
             with whole_file(path) as file:
-                _write_png(file, pixels)
+                PIXEL_WRITERS[suffix](file, pixels)
         elif background is not None:
             raise ValueError(
                 f"background must be None for {suffix}, which keeps linear RGBA, got {background!r}; "
@@ -178,10 +242,14 @@ class Image:
             with whole_file(path) as file:
                 FLOAT_WRITERS[suffix](file, self.rgba)
 
-    def _repr_png_(self) -> bytes:
+    def png(self, background: str | Sequence[float] | None = None) -> bytes:
+        """The bytes of a PNG file, for pipes and web pages; ``background`` as for :meth:`to_uint8`."""
         png = BytesIO()
-        _write_png(png, self.to_uint8())
+        _write_png(png, self.to_uint8(background))
         return png.getvalue()
+
+    def _repr_png_(self) -> bytes:
+        return self.png()
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray:
         return np.array(self.rgba, dtype=dtype, copy=copy)
@@ -192,6 +260,11 @@ class Image:
         if "seconds" in self.stats:
             parts.append(f"{self.stats['seconds']:.3g} s")
         return f"Image({', '.join(parts)})"
+
+
+def _is_clear(background: str | Sequence[float] | None) -> bool:
+    """Whether nothing is behind."""
+    return background is None or (isinstance(background, str) and background == "transparent")
 
 
 def _straight(rgba: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -227,6 +300,12 @@ def _write_png(file: BinaryIO, pixels: NDArray[np.uint8]) -> None:
     PillowImage.fromarray(pixels).save(file, "PNG", pnginfo=info)
 
 
+def _write_jpeg(file: BinaryIO, pixels: NDArray[np.uint8]) -> None:
+    from PIL import Image as PillowImage
+
+    PillowImage.fromarray(pixels).save(file, "JPEG", quality=95, subsampling=0)
+
+
 def _write_exr(file: BinaryIO, rgba: NDArray[np.floating]) -> None:
     import OpenEXR
 
@@ -244,6 +323,11 @@ def _write_tiff(file: BinaryIO, rgba: NDArray[np.floating]) -> None:
     tifffile.imwrite(file, rgba, photometric="rgb", extrasamples=["assocalpha"], metadata=None, software="wvr")
 
 
+PIXEL_WRITERS: dict[str, Callable[[BinaryIO, NDArray[np.uint8]], None]] = {
+    ".png": _write_png,
+    ".jpg": _write_jpeg,
+    ".jpeg": _write_jpeg,
+}
 FLOAT_WRITERS: dict[str, Callable[[BinaryIO, NDArray[np.floating]], None]] = {
     ".exr": _write_exr,
     ".tif": _write_tiff,

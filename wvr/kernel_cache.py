@@ -10,7 +10,6 @@ from __future__ import annotations
 import atexit
 import hashlib
 import json
-import logging
 import os
 import shutil
 import tempfile
@@ -20,7 +19,7 @@ from pathlib import Path
 
 import warp as wp
 
-log = logging.getLogger("wvr")
+from .notices import announce, log
 
 SEAL = "wvr-seal.json"
 # Bytes that have to be free: a module takes less than one of these.
@@ -44,8 +43,9 @@ def load(kernel: wp.Kernel, device: wp.Device, block_dim: int) -> None:
     with _alone(name), wp.ScopedLogLevel(wp.LOG_WARNING):
         if not _whole(_folder() / name):
             _make_room(name)
-            log.info(
-                "compiling the kernel %s for %s (once; a few seconds)", kernel.key.rpartition("__")[2], device.alias
+            kind = kernel.key.rpartition("__")[2]
+            announce(
+                "compiling the kernel %s for %s (once; a few seconds; wvr.warm_up does it ahead)", kind, device.alias
             )
         module.load(device, block_dim)
         with suppress(OSError):

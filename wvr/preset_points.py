@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from .validation import check_domain, choice
 
 HOUNSFIELD = (-1000.0, 2000.0)  # air, dense cortical bone
 RELATIVE = (0.0, 1.0)
+
+
+PresetName = Literal["ct-bone", "ct-soft-tissue", "ct-angiography", "ct-lung", "mri", "isosurfaces", "simulation"]
 
 
 class Preset(NamedTuple):
@@ -17,7 +20,7 @@ class Preset(NamedTuple):
     points: list[tuple[float, str, float]]
 
 
-PRESETS = {
+PRESETS: dict[str, Preset] = {
     # Bone from its marrow up; everything softer is transparent.
     "ct-bone": Preset(
         HOUNSFIELD,
@@ -107,7 +110,7 @@ PRESETS = {
 }
 
 
-def preset_points(name: str, domain: tuple[float, float] | None = None) -> list[tuple[float, str, float]]:
+def preset_points(name: PresetName, domain: tuple[float, float] | None = None) -> list[tuple[float, str, float]]:
     """Control points of a preset, mapped affinely from its own scale to ``domain``; see :func:`wvr.presets.preset`."""
     (start, end), points = PRESETS[choice(name, "name of a preset", list(PRESETS))]
     lo, hi = (start, end) if domain is None else check_domain(domain)

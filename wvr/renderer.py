@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from threading import Event
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .advice import advise
 from .camera import Camera, image_size
+from .colormaps import Opacity
 from .cuts.base import Clip, clip_list
 from .cuts.labels import Segmentation
+from .defaults import Call
 from .field.base import Field
 from .frame import Frame
 from .image import Image
@@ -20,7 +22,11 @@ from .launch import Lock, cancelling, get_device
 from .light.lighting import Lighting
 from .light.shadows import ConvolutionShadows
 from .scene import Precision, Scene
+from .sources import as_volume
 from .transfer_function import TransferFunction
+
+if TYPE_CHECKING:
+    from .defaults import CameraLike, Function, LightingLike
 
 # Less than an 8-bit grey level.
 TOLERANCE = 1 / 512
@@ -130,9 +136,13 @@ class Renderer:
 
     def _render(self, camera: Camera, size: tuple[int, int]) -> Image:
         # Of one set of attributes, whatever is assigned meanwhile.
+        tf, labels = self.transfer_function, self.segmentation
+        if isinstance(self.volume, Field):
+            tf = tf.for_volume(self.volume) if isinstance(tf, TransferFunction) else tf
+            labels = labels.for_volume(self.volume) if isinstance(labels, Segmentation) else labels
         scene = Scene(
             volume=self.volume,
-            transfer_function=self.transfer_function,
+            transfer_function=tf,
             integrator=self.integrator,
             lighting=self.lighting,
             shadows=self.shadows,
@@ -141,7 +151,7 @@ class Renderer:
             background=self.background,
             skip_empty=self.skip_empty,
             clips=clip_list(self.clip),
-            segmentation=self.segmentation,
+            segmentation=labels,
         )
         for volume in scene.volumes():
             volume.look()
@@ -158,15 +168,17 @@ class Renderer:
 
 
 def render(
-    volume: Field,
-    transfer_function: TransferFunction | None,
-    camera: Camera,
+    volume: Any,
+    transfer_function: Function | None = None,
+    camera: CameraLike | None = None,
     size: tuple[int, int] = (512, 512),
     *,
     integrator: Integrator | None = None,
     tolerance: float | None = None,
-    lighting: Lighting | None = None,
-    shadows: ConvolutionShadows | None = None,
+    opacity: Opacity | None = None,
+    clim: Sequence[float] | float | None = None,
+    lighting: LightingLike | None = None,
+    shadows: ConvolutionShadows | bool | None = None,
     background: str | Sequence[float] | None = None,
     precision: Precision = "auto",
     device: Any = None,
@@ -176,18 +188,30 @@ def render(
     segmentation: Segmentation | None = None,
     cancel: Event | None = None,
 ) -> Image:
-    """Render a volume.
+    """Render a volume: ``wvr.render(data)``. What is left out suits the data.
 
     Parameters
     ----------
     volume
-        The field.
+        A :class:`Volume`, or whatever :func:`wvr.as_volume` takes: a path, an array, an xarray, a PyVista dataset.
     transfer_function
-        Colour and extinction of a scalar; not used, and may be None, with a segmentation.
+        Colour and extinction of a scalar: a :class:`TransferFunction` or a list of its control points; or a colour map,
+        the name of one, or a list of two or more colours; or the name of a preset, a suggestion (``"bands"``,
+        ``"warm"``, ``"surfaces"``) or a .json file. By default what :func:`wvr.presets.suggest` suggests first. Not
+        used, and may be None, with a segmentation.
     camera
-        Where it is seen from.
+        A :class:`Camera`; a PyVista camera or plotter; ``[position, focal point, up]``; a direction from the volume
+        towards the camera; or a view by name, ``"iso"``, ``"xy"``, ``"xz"``, ``"yz"``, ``"yx"``, ``"zx"``, ``"zy"`` as
+        in PyVista, and of patients ``"anterior"``, ``"posterior"``, ``"left"``, ``"right"``, ``"superior"``,
+        ``"inferior"``. What is visible fills the frame. By default a view that suits the data: patients from the
+        front, what stands on something upright, a single slice along its normal.
     size
         (width, height) in pixels.
+    opacity
+        Of a colour map: ``"linear"``, ``"geom"``, ``"sigmoid_5"``, ... or numbers, of PyVista's unit distance; see
+        :meth:`TransferFunction.from_colormap`. By default as suggested for the data.
+    clim
+        Scalars ``(lo, hi)`` that a colour map spans, by default all; or a preset (its own scale).
     tolerance
         Largest absolute error that any channel of any pixel may have, in (0, 1): the integrator is then
         ``Certified(tolerance)``, and the image comes with an ``error_bound``. By default 1/512, less than an 8-bit
@@ -195,14 +219,16 @@ def render(
     integrator
         Any other of ``wvr.integrators``, instead of a tolerance.
     lighting
-        A :class:`Lighting`: light on what is emitted, by default none. A tolerance then holds for opacity and for the
-        image without light; with light, colours converge as it decreases.
+        A :class:`Lighting`: light on what is emitted; True is a light at the camera's upper left, False none. By
+        default that light where opacities are suggested and the data have surfaces, and else none. A tolerance then
+        holds for opacity and for the image without light; with light, colours converge as it decreases.
     shadows
-        A :class:`ConvolutionShadows`: light that is attenuated and spread on its way, by default none. A tolerance then
-        holds for opacity and for the image without shadows. Colours lit by ``lighting``, if there is any, are in shadow
-        as a whole.
+        A :class:`ConvolutionShadows`: light that is attenuated and spread on its way; True is that of the first light
+        of the lighting, or of one at the camera's upper left. By default none. A tolerance then holds for opacity and
+        for the image without shadows. Colours lit by ``lighting``, if there is any, are in shadow as a whole.
     background
-        What display and PNG files put behind the volume: a colour name, ``"#rrggbb"`` or three linear numbers.
+        What display, PNG and JPEG files put behind the volume: a colour name, ``"#rrggbb"`` or three linear numbers,
+        or ``"transparent"``. By default black where opacities are suggested, and else nothing.
     precision
         ``"auto"`` (float32), ``"float32"`` or ``"float64"``: that of everything along a ray but the sums, which are
         always float64, and that of the image. ``Exact`` is float64 whatever is given; ``Certified`` computes in float64
@@ -242,21 +268,32 @@ def render(
     Warns
     -----
     UserWarning
-        Where nothing is visible, or the scalars are a small part of the transfer function's: with the ranges of both.
+        Where nothing or nearly nothing is visible, or the scalars are a small part of the transfer function's: with the
+        ranges of both.
+
+    Examples
+    --------
+    >>> import wvr
+    >>> wvr.render(wvr.datasets.load("blobs", 16), "viridis", opacity="sigmoid_5", camera="iso", size=(8, 6)).size
+    (8, 6)
     """
+    volume = as_volume(volume)
+    size = image_size(size)
+    call = Call(transfer_function, camera, opacity, clim, lighting, shadows, background, segmentation, clip)
+    look = call.look(volume, size)
     renderer = Renderer(
         volume,
-        transfer_function,
+        look.transfer_function,
         integrator=integrator,
         tolerance=tolerance,
-        lighting=lighting,
-        shadows=shadows,
+        lighting=look.lighting,
+        shadows=look.shadows,
         precision=precision,
         device=device,
         termination=termination,
-        background=background,
+        background=look.background,
         skip_empty=skip_empty,
         clip=clip,
         segmentation=segmentation,
     )
-    return renderer.render(camera, size, cancel)
+    return renderer.render(look.camera, size, cancel)

@@ -20,7 +20,7 @@ class Unsupported(ValueError):  # noqa: N818 - of a file
 
 class Grid(NamedTuple):
     """What a file holds: ``array[z, y, x]``, or ``[time, z, y, x]``, the world steps along x, y, z as columns, the
-    first sample's position, which way a patient's world goes, and the files that were read.
+    first sample's position, which way a patient's world goes (as of :class:`wvr.Volume`), and the files that were read.
     """
 
     array: NDArray

@@ -71,7 +71,7 @@ class Scene:
             raise TypeError(f"skip_empty must be True or False, got {self.skip_empty!r}")
         if self.termination is not None and not 0 <= self.termination < 1:
             raise ValueError(f"termination must be in [0, 1), got {self.termination!r}")
-        if self.background is not None:
+        if self.background is not None and self.background != "transparent":
             linear_rgb(self.background, "background")
         # First of all, since other checks count with these numbers.
         self._check_magnitudes()

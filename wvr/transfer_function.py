@@ -14,23 +14,24 @@ import os
 from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .color import linear_rgb, srgb_to_linear
+from .color import linear_rgb
+from .colormaps import Colors, Opacity, check_opacity, entries, opacities, sampled
 from .files import known_suffix, write_text
-from .preset_points import preset_points
+from .preset_points import PresetName, preset_points
 from .validation import check_domain, finite_array, positive
-
-if TYPE_CHECKING:
-    from matplotlib.colors import Colormap
 
 Floats = NDArray[np.float64]
 
 # Opacity 1 is an infinite extinction; the largest float32 below 1 stands for it.
 MAX_OPACITY = 1 - 2.0**-24
+
+# Of a unit distance [world length]; None is the smallest voxel spacing.
+Unit: TypeAlias = float | Literal["pyvista"] | None
 
 FORMAT = "wvr transfer function"
 VERSION = 1
@@ -49,7 +50,7 @@ class TransferFunction:
         homogeneous slab of thickness ``unit_distance``.
     unit_distance
         Thickness that opacities refer to [world length], > 0; None (the default) is the smallest voxel spacing of
-        the volume it is used with.
+        the volume it is used with, ``"pyvista"`` that of PyVista's ``add_volume``, see :meth:`from_colormap`.
 
     Attributes
     ----------
@@ -78,12 +79,12 @@ class TransferFunction:
     knots: Floats
     colors: Floats
     opacities: Floats
-    unit_distance: float | None
+    unit_distance: Unit
     ambient: Floats | None
     diffuse: Floats | None
     specular: Floats | None
 
-    def __init__(self, points: Iterable[tuple[float, Any, float]], unit_distance: float | None = None):
+    def __init__(self, points: Iterable[tuple[float, Any, float]], unit_distance: Unit = None):
         scalars, rgb, opacity = [], [], []
         for i, point in enumerate(points):
             if isinstance(point, str) or not isinstance(point, Iterable) or len(triple := tuple(point)) != 3:
@@ -99,7 +100,7 @@ class TransferFunction:
         scalars: ArrayLike,
         rgb: ArrayLike,
         opacity: ArrayLike,
-        unit_distance: float | None = None,
+        unit_distance: Unit = None,
         ambient: ArrayLike | None = None,
         diffuse: ArrayLike | None = None,
         specular: ArrayLike | None = None,
@@ -126,51 +127,52 @@ class TransferFunction:
     @classmethod
     def from_colormap(
         cls,
-        colormap: str | Colormap,
-        domain: tuple[float, float],
-        opacity: ArrayLike,
-        unit_distance: float | None = None,
+        colormap: Colors,
+        domain: tuple[float, float] | float,
+        opacity: Opacity = "linear",
+        unit_distance: Unit = None,
+        *,
+        log_scale: bool = False,
+        n_colors: int | None = None,
     ) -> TransferFunction:
         """Colours of a colour map over a range of scalars, with opacities equally spaced over the same range.
 
         Parameters
         ----------
         colormap
-            A Matplotlib colour map or the name of one. Its N entries (256 for most) become colours equally spaced over
-            ``domain``, decoded from sRGB; between them colour is linear.
+            A Matplotlib colour map, the name of one, or a list of two or more colours. Its N entries (256 for most)
+            become colours equally spaced over ``domain``, decoded from sRGB; between them colour is linear.
         domain
-            Scalars ``(lo, hi)`` of the first and last entry, lo < hi.
+            Scalars ``(lo, hi)`` of the first and last entry, lo < hi (PyVista's ``clim``); one number is (-n, n).
         opacity
-            (m,) opacities, m >= 2, of control points equally spaced over ``domain``; between them extinction is
-            linear, undisturbed by the colours' control points. One number is constant.
+            As in PyVista: ``"linear"`` (0 to 1), ``"geom"``, ``"sigmoid"``, ``"sigmoid_5"`` (any number), the same
+            ending in ``"_r"``, from 1 to 0, or ``"foreground"`` (all but the lowest); or m >= 2 numbers from 0 to 1,
+            equally spaced over ``domain``; one number is constant. Between numbers the *opacity* is linear, to 1/512:
+            control points are added, since between control points it is extinction that is linear.
         unit_distance
-            Thickness that opacities refer to [world length]; None is the smallest voxel spacing.
+            Thickness that opacities refer to [world length]; None is the smallest voxel spacing of the volume it is
+            used with, and ``"pyvista"`` what PyVista's ``add_volume`` takes by default, the diagonal of the volume's
+            box over the mean number of samples along an axis less one.
+        log_scale
+            Colours and opacities are equally spaced in the logarithm of the scalar; lo must be > 0.
+        n_colors
+            So many colours of the map, equally spaced; by default all. As in PyVista's volumes, colour is linear
+            between them.
 
         Raises
         ------
         ValueError
             For an unknown name, ``domain`` not finite with lo < hi, and as the class.
         TypeError
-            Where ``colormap`` is neither a name nor a colour map.
+            Where ``colormap`` is neither a name, a colour map nor a list of colours.
         """
-        entries = _entries(colormap)
-        lo, hi = check_domain(domain)
-        given = finite_array(np.repeat(opacity, 2) if np.ndim(opacity) == 0 else opacity, "opacity", (-1,))
-        n, m = len(entries), len(given)
-        if m < 2:
-            raise ValueError(
-                f"opacity must be one number, or two or more equally spaced over the domain, got {m} in a list"
-            )
-        # Ticks count in units of 1 / ((n - 1) (m - 1)) of the domain, so that points which coincide are equal.
-        color_ticks, opacity_ticks = np.arange(n) * (m - 1), np.arange(m) * (n - 1)
-        ticks = np.union1d(color_ticks, opacity_ticks)
-        scalars = np.minimum(lo + (hi - lo) * (ticks / ticks[-1]), hi)
-        scalars[-1] = hi
-        rgb = np.stack([np.interp(ticks, color_ticks, channel) for channel in entries.T], axis=-1)
-        _check_opacity(given)
-        between = -np.expm1(-np.interp(ticks, opacity_ticks, _depth(given)))
-        between[np.searchsorted(ticks, opacity_ticks)] = given
-        return cls.from_arrays(scalars, rgb, between, unit_distance)
+        lo, hi = check_domain((-domain, domain) if isinstance(domain, int | float) else domain)
+        if log_scale and lo <= 0:
+            raise ValueError(f"domain must be above 0 with log_scale, got ({lo!r}, {hi!r})")
+        u, rgb, between = sampled(entries(colormap, n_colors), opacities(opacity))
+        scalars = np.exp(np.log(lo) + u * (np.log(hi) - np.log(lo))) if log_scale else lo + (hi - lo) * u
+        scalars[0], scalars[-1] = lo, hi
+        return cls.from_arrays(np.clip(scalars, lo, hi), rgb, between, unit_distance)
 
     @classmethod
     def isosurfaces(
@@ -179,7 +181,7 @@ class TransferFunction:
         colors: Iterable[Any] | None = None,
         opacity: ArrayLike = 0.6,
         width: float = 2.0,
-        unit_distance: float | None = None,
+        unit_distance: Unit = None,
     ) -> TransferFunction:
         """A triangular spike of extinction at each value and nothing between: surfaces of finite thickness.
 
@@ -226,7 +228,7 @@ class TransferFunction:
         )
 
     @classmethod
-    def preset(cls, name: str, domain: tuple[float, float] | None = None) -> TransferFunction:
+    def preset(cls, name: PresetName, domain: tuple[float, float] | None = None) -> TransferFunction:
         """A transfer function with a name; see :func:`wvr.presets.preset`."""
         return cls(preset_points(name, domain))
 
@@ -235,7 +237,7 @@ class TransferFunction:
         scalars: ArrayLike,
         rgb: ArrayLike,
         opacity: ArrayLike,
-        unit_distance: float | None,
+        unit_distance: Unit,
         *materials: ArrayLike | None,
     ) -> None:
         self.knots = knots = finite_array(scalars, "scalars", (-1,))
@@ -256,8 +258,10 @@ class TransferFunction:
         if np.any(self.colors < 0):
             raise ValueError(f"rgb must be >= 0, got {self.colors.min():g}")
         self.opacities = finite_array(opacity, "opacity", (n,))
-        _check_opacity(self.opacities)
-        self.unit_distance = None if unit_distance is None else positive(unit_distance, "unit_distance")
+        check_opacity(self.opacities)
+        self.unit_distance = (
+            unit_distance if unit_distance in (None, "pyvista") else positive(unit_distance, "unit_distance")
+        )
         self.ambient = self.diffuse = self.specular = None
         for name, values in zip(MATERIALS, materials, strict=False):
             if values is not None:
@@ -274,8 +278,18 @@ class TransferFunction:
         smallest_spacing
             Smallest voxel spacing [world length], > 0, which opacities refer to where ``unit_distance`` is None.
         """
+        if self.unit_distance == "pyvista":
+            raise ValueError('unit_distance must be a length, got "pyvista", which a volume says: see for_volume')
         unit = positive(smallest_spacing, "smallest_spacing") if self.unit_distance is None else self.unit_distance
         return _depth(self.opacities) / unit
+
+    def for_volume(self, volume: Any) -> TransferFunction:
+        """The same with a length for its ``unit_distance`` where that is ``"pyvista"``; a renderer asks for it."""
+        if self.unit_distance != "pyvista":
+            return self
+        diagonal = float(np.linalg.norm(volume.corners.max(axis=0) - volume.corners.min(axis=0)))
+        unit = diagonal / max(float(np.mean(volume.dimensions)) - 1, 1.0)
+        return self.from_arrays(self.knots, self.colors, self.opacities, unit, **self.materials())
 
     def extinction(self, s: ArrayLike, smallest_spacing: float = 1.0) -> Floats:
         """Extinction [1/world length] at scalars ``s``, of the shape of ``s``; 0 where ``s`` is NaN."""
@@ -307,7 +321,8 @@ class TransferFunction:
     def key(self) -> bytes:
         """Digest of all that defines the transfer function; caches compare by it."""
         digest = hashlib.blake2b(digest_size=16)
-        for values in (self.unit_distance, self.knots, self.colors, self.opacities, *self.materials().values()):
+        unit = -1.0 if self.unit_distance == "pyvista" else self.unit_distance
+        for values in (unit, self.knots, self.colors, self.opacities, *self.materials().values()):
             content = b"" if values is None else np.asarray(values, np.float64).tobytes()
             digest.update(len(content).to_bytes(8, "little") + content)
         return digest.digest()
@@ -390,29 +405,10 @@ class TransferFunction:
         return {name: getattr(self, name) for name in MATERIALS}
 
 
-def _check_opacity(opacity: Floats) -> None:
-    if np.any(wrong := (opacity < 0) | (opacity > 1)):
-        raise ValueError(f"opacity must be in [0, 1], got {float(opacity[wrong][0])!r}")
-
-
-def _entries(colormap: str | Colormap) -> Floats:
-    """Linear RGB of the entries of a colour map, (n, 3)."""
-    import matplotlib
-    from matplotlib.colors import Colormap
-
-    if isinstance(colormap, str):
-        if colormap not in matplotlib.colormaps:
-            raise ValueError(f"colormap must be one of matplotlib.colormaps, such as 'viridis', got {colormap!r}")
-        colormap = matplotlib.colormaps[colormap]
-    if not isinstance(colormap, Colormap):
-        raise TypeError(f"colormap must be a Matplotlib colour map or the name of one, got {colormap!r}")
-    return srgb_to_linear(colormap(np.arange(max(colormap.N, 2)))[:, :3])
-
-
 def _spread_colors(n: int) -> Floats:
     """``n`` colours equally spaced in viridis, without its darkest."""
-    entries = _entries("viridis")
-    return entries[np.linspace(64, len(entries) - 1, n).astype(int)]
+    viridis = entries("viridis")
+    return viridis[np.linspace(64, len(viridis) - 1, n).astype(int)]
 
 
 def _color_list(colors: Iterable[Any], n: int) -> Floats:

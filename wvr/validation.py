@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,7 +37,9 @@ def positive(value: Any, name: str) -> float:
 def choice(value: Any, name: str, accepted: Sequence[str | None]) -> Any:
     """``value`` if it is one of ``accepted``."""
     if value not in accepted:
-        raise ValueError(f"{name} must be one of {', '.join(map(repr, accepted))}, got {value!r}")
+        raise ValueError(
+            f"{name} must be one of {', '.join(map(repr, accepted))}, got {value!r}{near(value, accepted)}"
+        )
     return value
 
 
@@ -61,3 +66,22 @@ def check_domain(domain: Any) -> tuple[float, float]:
     if not lo < hi or hi - lo == np.inf:
         raise ValueError(f"domain must be (lo, hi) with lo < hi, got ({lo!r}, {hi!r})")
     return lo, hi
+
+
+def near(given: Any, accepted: Sequence[Any]) -> str:
+    """A question for the end of an error, whether the closest of the accepted names was meant; empty if none is."""
+    if not isinstance(given, str):
+        return ""
+    names = {str(name).lower(): name for name in accepted if isinstance(name, str)}
+    tried = (given.lower(), given.lower().replace("_", "-"))
+    found = [match for one in tried for match in get_close_matches(one, names, 1, 0.65)]
+    return f"; did you mean {names[found[0]]!r}?" if found else ""
+
+
+def outside() -> int:
+    """How many frames up the first one is that is not wvr's, for warnings to name a line of the user's."""
+    package = str(Path(__file__).parent)
+    frame, level = sys._getframe(1), 1
+    while frame is not None and frame.f_code.co_filename.startswith(package):
+        frame, level = frame.f_back, level + 1  # type: ignore[assignment]
+    return level

@@ -6,10 +6,11 @@ single sample is one spacing thick, constant, and centred on that sample.
 
 from __future__ import annotations
 
+import os
 import sys
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import warp as wp
@@ -22,12 +23,13 @@ from .field.samples import Data, samples_struct
 from .keep import Keeper
 from .kernels.field.grid import Grid
 from .launch import get_device
-from .samples import DTYPES, Anatomy, NanPolicy
+from .samples import DTYPES, NanPolicy
 from .validation import choice, finite_vector
 
 if TYPE_CHECKING:
     import pyvista as pv
 
+Axes = Literal["zyx", "xyz"]
 # Lengths in the world, and one over them, whose squares and products are numbers.
 FARTHEST = 1e100
 
@@ -51,11 +53,15 @@ class Volume(Field):
         3 x 3 matrix whose columns are the world directions of the x, y and z axes; identity by default.
     nan
         ``"error"`` refuses NaN and infinite samples; ``"transparent"`` renders the cells that touch one as nothing.
+    axes
+        Order of the array's axes: ``"zyx"``, the default, or ``"xyz"`` for ``array[x, y, z]``, as of ``pyvista.wrap``,
+        which is copied unless x is the fastest in memory. Spacing, origin and direction are x, y, z in any case.
 
     Raises
     ------
     TypeError
-        For a dtype that is not listed.
+        For a dtype that is not listed, and for what is no array (:func:`wvr.as_volume` takes paths, PyVista and xarray
+        datasets, bool and wide integers).
     ValueError
         For a wrong rank, an empty array, non-finite samples (with ``nan="error"``), spacing <= 0, lengths beyond
         1e100, or a singular direction.
@@ -64,14 +70,15 @@ class Volume(Field):
     --------
     >>> import numpy as np, wvr
     >>> wvr.Volume(np.zeros((2, 3, 4), np.uint8), spacing=(1, 1, 2.5))
-    Volume(4 x 3 x 2 uint8, spacing=(1.0, 1.0, 2.5))
+    Volume(x=4, y=3, z=2, uint8, spacing=(1.0, 1.0, 2.5))
     """
 
     #: How often samples changed.
     version: int
-    #: Where the world's x, y, z go in a patient, as DICOM, NIfTI and some other files say: ``"RAS"`` to the right,
-    #: front and head, ``"LPS"`` to the left, back and head; else empty.
-    anatomical: Anatomy = ""
+    #: Where world x, y, z run in a patient, as the file says: ``"LPS"`` (towards left, back, head: DICOM, some NRRD),
+    #: ``"RAS"`` (towards right, front, head: NIfTI, some NRRD), or empty where it does not say. Other such letters may
+    #: be assigned.
+    anatomical: str = ""
     #: Files that the samples were read from.
     files: tuple[Path, ...] = ()
 
@@ -82,8 +89,10 @@ class Volume(Field):
         origin: ArrayLike = (0.0, 0.0, 0.0),
         direction: ArrayLike | None = None,
         nan: NanPolicy = "error",
+        axes: Axes = "zyx",
     ):
-        self._data = _as_data(array)
+        choice(axes, "axes", get_args(Axes))
+        self._data = _as_data(array, axes)
         self.spacing = finite_vector(spacing, "spacing", "lengths > 0 along x, y, z")
         if np.any(self.spacing <= 0):
             raise ValueError(f"spacing must be > 0 along x, y and z, got {tuple(self.spacing.tolist())}")
@@ -288,7 +297,7 @@ class Volume(Field):
 
     def __repr__(self) -> str:
         nz, ny, nx = self.shape
-        return f"Volume({nx} x {ny} x {nz} {self.dtype}, spacing={tuple(self.spacing.tolist())})"
+        return f"Volume(x={nx}, y={ny}, z={nz}, {self.dtype}, spacing={tuple(self.spacing.tolist())})"
 
 
 def _references(attributes: dict[str, Any]) -> int:
@@ -324,20 +333,33 @@ def _direction(matrix: ArrayLike) -> NDArray[np.float64]:
     return direction
 
 
-def _as_data(array: Any) -> Any:
+def _as_data(array: Any, axes: Axes) -> Any:
     """A C-contiguous NumPy array in native byte order, or a contiguous Warp array on its own device."""
     if isinstance(array, Volume):
         raise TypeError("array is a Volume already; pass its samples (volume.numpy())")
+    if isinstance(array, str | os.PathLike):
+        raise TypeError(f"array must be an array, got the path {str(array)!r}; wvr.read reads files")
+    if type(array).__module__.partition(".")[0] in ("pyvista", "vtkmodules", "xarray"):
+        raise TypeError(
+            f"array must be an array, got a {type(array).__name__}: wvr.as_volume takes it, with spacing and origin"
+        )
+    if isinstance(array, np.ma.MaskedArray) and np.ma.is_masked(array):
+        raise TypeError(
+            f"array has {np.ma.count_masked(array)} masked samples: wvr.as_volume(array) renders them as nothing, "
+            f"array.filled(value) gives them a value"
+        )
     if not isinstance(array, np.ndarray):
         array = _from_device(array)
     if isinstance(array, np.ndarray):
         _check(array.dtype, array.shape)
+        array = array.T if axes == "xyz" else array
         if type(array) is np.ndarray and array.flags.c_contiguous and array.dtype.isnative:
             return array
         return np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("="))
     # A Warp array of vectors has no such dtype in NumPy, but one with more axes.
     scalar = getattr(array.dtype, "_wp_scalar_type_", array.dtype)
     _check(np.dtype(wp.dtype_to_numpy(scalar)), (*array.shape, *getattr(array.dtype, "_shape_", ())))
+    array = array.transpose() if axes == "xyz" else array
     return array if array.is_contiguous else array.contiguous()
 
 
@@ -348,6 +370,7 @@ def _from_device(array: Any) -> Any:
     if hasattr(array, "__cuda_array_interface__") or hasattr(array, "__dlpack__"):
         if getattr(array, "requires_grad", False):
             array = array.detach()
+        get_device()  # nothing is shared with a Warp that is not initialised
         try:
             if hasattr(array, "__cuda_array_interface__"):
                 return wp.array(array, copy=False)

@@ -1,5 +1,6 @@
 """The command line passes on what it is given, writes results to stdout only, and fails in one line."""
 
+import io
 import logging
 import re
 import subprocess
@@ -11,11 +12,15 @@ from threading import Timer
 import numpy as np
 import pytest
 import tifffile
+from matplotlib import colormaps
 from PIL import Image as PillowImage
 
 import wvr
 from wvr.cli import stages
 from wvr.cli.render import _stem
+from wvr.color import srgb_to_linear
+from wvr.defaults import Call
+from wvr.framing import framed, visible_points
 from wvr.presets import preset, suggest
 
 from .helpers import SIZE, spheres
@@ -37,14 +42,12 @@ def same_camera(camera, expected):
 
 
 def test_the_defaults_are_those_of_the_api(run):
-    volume = spheres()
-    tf = next(iter(suggest(volume).values()))
-    expected = wvr.render(volume, tf, wvr.Camera.fit(volume), (40, 30))
+    expected = wvr.render(spheres(), size=(40, 30))
     code, out, _ = run("render", "spheres", "--dataset-size", SIZE, "--size", "40x30", "-o", "a.npy")
     assert code == 0
     np.testing.assert_array_equal(np.load("a.npy"), expected.rgba)
     samples = f"{int(expected.samples.sum()):,}"
-    assert re.fullmatch(rf"a\.npy: 40 x 30, {samples} samples, [\d.e-]+ s, errors up to [\d.e-]+\n", out)
+    assert re.fullmatch(rf"a\.npy: 40 x 30, {samples} samples, [\d.e-]+ s, errors up to [\d.e-]+ but for light\n", out)
 
 
 def test_the_bound_does_not_speak_of_light(run):
@@ -94,7 +97,7 @@ def test_clips(run, rendered):
 def test_what_is_not_given_is_left_to_the_api(run, rendered):
     render_spheres(run)
     assert rendered["size"] == (512, 512) and rendered["precision"] == "auto"
-    assert [rendered[name] for name in ("integrator", "lighting", "shadows", "device")] == [None] * 4
+    assert [rendered[name] for name in ("integrator", "shadows", "device", "segmentation")] == [None] * 4
     assert not rendered["clip"]
 
 
@@ -115,22 +118,26 @@ def test_integrators(run, rendered, text, integrator):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "fit"),
+    ("arguments", "direction", "up", "lens"),
     [
-        ("", {}),
-        ("--up y", {"direction": (0.6, 0.4, 1), "up": (0, 1, 0)}),
-        ("--up -y", {"direction": (0.6, -0.4, 1), "up": (0, -1, 0)}),
-        ("--up x --parallel", {"direction": (0.4, 1, 0.6), "up": (1, 0, 0), "parallel": True}),
-        (
-            "--direction -1,0,2 --up 0,0.5,-1 --view-angle 20",
-            {"direction": (-1, 0, 2), "up": (0, 0.5, -1), "view_angle": 20},
-        ),
-        ("--size 10x20", {"aspect": 0.5}),
+        ("--up y", (0.6, 0.4, 1), (0, 1, 0), {}),
+        ("--up -y", (0.6, -0.4, 1), (0, -1, 0), {}),
+        ("--up x --parallel", (0.4, 1, 0.6), (1, 0, 0), {"parallel": True}),
+        ("--direction -1,0,2 --up 0,0.5,-1 --view-angle 20", (-1, 0, 2), (0, 0.5, -1), {"view_angle": 20}),
+        ("--direction 0,-1,0", (0, -1, 0), (0, 0, 1), {}),
+        ("--direction 0,0,2", (0, 0, 2), (-1, 0, 0), {}),
+        ("--camera yz", (1, 0, 0), (0, 0, 1), {}),
+        ("--camera iso --up y --size 10x20", (1, 1, 1), (0, 1, 0), {"aspect": 0.5}),
     ],
 )
-def test_a_camera_that_shows_all(run, rendered, arguments, fit):
+def test_a_camera_that_shows_all_that_is_visible(run, rendered, arguments, direction, up, lens):
     render_spheres(run, *arguments.split())
-    same_camera(rendered["camera"], wvr.Camera.fit(spheres(), **fit))
+    same_camera(rendered["camera"], framed(visible_points(spheres(), rendered["tf"]), direction, up, **lens))
+
+
+def test_the_default_camera_is_that_of_the_api(run, rendered):
+    render_spheres(run)
+    same_camera(rendered["camera"], Call().look(spheres(), (512, 512)).camera)
 
 
 def test_a_camera_by_position_and_target(run, rendered):
@@ -148,7 +155,6 @@ def test_a_camera_by_position_and_target(run, rendered):
         (["warm"], lambda volume: suggest(volume)["warm"]),
         (["mri"], lambda volume: preset("mri", volume.range)),
         (["mri", "--domain", "-5,100"], lambda volume: preset("mri", (-5, 100))),
-        (["ct-bone"], lambda volume: preset("ct-bone")),
         (["ct-bone", "--domain", "0,255"], lambda volume: preset("ct-bone", (0, 255))),
         (["0:red:0,90:#ffffff:0.5"], lambda volume: wvr.TransferFunction([(0, "red", 0), (90, "white", 0.5)])),
     ],
@@ -167,14 +173,72 @@ def test_a_transfer_function_of_a_file(run, rendered):
 
 def test_a_colour_map_spans_the_range_and_does_not_depend_on_resolution(run, rendered):
     render_spheres(run, "--tf", "viridis")
-    tf, (lo, hi) = rendered["tf"], spheres().range
-    assert (tf.knots[0], tf.knots[-1]) == (lo, hi)
-    assert tf.extinction(lo) == 0 and np.all(np.diff(tf.extinction(np.linspace(lo, hi, 9))) > 0)
-    np.save("fine.npy", np.zeros((2 * SIZE,) * 3, np.uint8))
-    run("render", "fine.npy", "--tf", "viridis", "--domain", f"{lo},{hi}")
-    assert rendered["tf"].unit_distance == 2 * tf.unit_distance
-    render_spheres(run, "--tf", "viridis", "--domain", "7,9")
+    # Its opacities are the suggested ones.
+    tf, first = rendered["tf"], suggest(spheres())["bands"]
+    s, (lo, hi) = np.linspace(0, 255, 400), spheres().range
+    np.testing.assert_allclose(tf.extinction(s), first.extinction(s), atol=1e-12)
+    middle = srgb_to_linear(colormaps["viridis"](0.5)[:3])
+    np.testing.assert_allclose(tf.color((lo + hi) / 2), middle, atol=0.02)
+    render_spheres(run, "--cmap", "viridis", "--opacity", "0,0.5", "--clim", "7,9")
     assert (rendered["tf"].knots[0], rendered["tf"].knots[-1]) == (7, 9)
+    assert rendered["tf"].opacities[-1] == 0.5 and rendered["lighting"] is None
+    render_spheres(run, "--cmap", "black,red", "--opacity", "sigmoid_5_r")
+    assert rendered["tf"].opacities[0] > 0.99
+    np.testing.assert_array_equal(rendered["tf"].colors[-1], [1, 0, 0])
+
+
+def test_a_png_goes_into_a_pipe_and_what_is_said_does_not(tmp_path):
+    np.save(tmp_path / "a.npy", CUBE)
+    command = [sys.executable, "-m", "wvr", "render", "a.npy", "-o", "-", "--size", "12x10"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True)
+    assert done.returncode == 0 and b"-: 12 x 10" in done.stderr
+    assert PillowImage.open(io.BytesIO(done.stdout)).size == (12, 10)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.npy"]
+
+
+def test_files_of_bare_samples(run, rendered):
+    Path("a.raw").write_bytes(CUBE.astype(">i2").tobytes())
+    assert run("render", "a.raw", "--shape", "4,5,6", "--dtype", ">i2", "--spacing", "1,1,2")[0] == 0
+    np.testing.assert_array_equal(rendered["volume"].numpy(), CUBE)
+    assert rendered["volume"].spacing.tolist() == [1, 1, 2]
+    for wrong in ("--shape 4,5,6", "--shape 4,5 --dtype u1", "--shape 4,5,6 --dtype byte8"):
+        code, _, err = run("render", "a.raw", *wrong.split())
+        assert code == 2 and ("--shape" in err or "--dtype" in err)
+
+
+def test_labels_have_colours_of_their_own(run, rendered):
+    labels = np.zeros(CUBE.shape, np.int64)
+    labels[1:3], labels[3:] = 4, 9
+    np.save("a.npy", CUBE)
+    np.save("labels.npy", labels)
+    assert run("render", "a.npy", "--labels", "labels.npy")[0] == 0
+    functions = rendered["segmentation"].transfer_functions
+    assert list(functions) == [4, 9]
+    assert not np.array_equal(functions[4].colors[0], functions[9].colors[0])
+    np.testing.assert_array_equal(functions[4].opacities, rendered["tf"].opacities)
+
+
+def test_warnings_are_one_line(run, rendered):
+    np.save("a.npy", CUBE)
+    code, _, err = run("render", "a.npy", "--tf", "ct-bone")
+    assert code == 0 and re.fullmatch(r"wvr: warning: 'ct-bone' is in Hounsfield units, .*\n", err)
+    code, _, err = run("render", "b.npy")
+    assert code == 1 and err.endswith("; did you mean 'a.npy'?\n")
+
+
+def test_a_movie(run):
+    code, out, _ = run("orbit", "spheres", "--dataset-size", SIZE, "-o", "turn.gif", "--frames", 3, "--size", "12x10")
+    assert (code, out) == (0, "turn.gif: 3 images of 12 x 10\n")
+    assert PillowImage.open("turn.gif").n_frames == 3
+    code, _, err = run("orbit", "spheres", "-o", "turn.avi")
+    assert code == 2 and "output must end in .mp4, .gif" in err
+
+
+def test_kernels_are_compiled_ahead(run, monkeypatch):
+    given = []
+    monkeypatch.setattr(wvr, "warm_up", lambda *values, **options: given.append((values, options)) or ["uint8, lit"])
+    assert run("warm-up", "--dtype", "uint8", "--shadows")[:2] == (0, "uint8, lit\nuint8, lit\n")
+    assert [values for values, _ in given] == [(), (True, True)] and given[0][1]["dtype"] == ("uint8",)
 
 
 @pytest.mark.parametrize(
@@ -209,8 +273,13 @@ def test_a_file_comes_before_a_dataset_of_its_name(run, rendered):
 
 def test_the_background_is_in_png_files(run, rendered):
     render_spheres(run, "--size", "2x2", "-o", "a.png", "--background", "white")
-    render_spheres(run, "--size", "2x2", "-o", "b.png")
+    render_spheres(run, "--size", "2x2", "-o", "b.png", "--background", "transparent")
     assert PillowImage.open("a.png").mode == "RGB" and PillowImage.open("b.png").mode == "RGBA"
+    # Black where opacities are suggested, nothing where they are given.
+    render_spheres(run, "--size", "2x2")
+    assert rendered["background"] == "black"
+    render_spheres(run, "--size", "2x2", "--tf", "0:red:0,90:#ffffff:0.5")
+    assert rendered["background"] is None
 
 
 def test_outputs_are_where_they_were_asked_for(run, rendered):
@@ -260,13 +329,13 @@ def test_outputs_are_where_they_were_asked_for(run, rendered):
         ("render spheres --integrator riemann:left", 2, "step must be a number"),
         ("render spheres --integrator riemann:0", 2, "step must be"),
         ("render spheres --integrator riemann:1:left:2", 2, "riemann:1:left:2"),
-        ("render spheres --tf nope", 2, "bands, warm, surfaces, ct-bone"),
+        ("render spheres --tf nope", 2, "simulation, bands, warm, surfaces"),
         ("render spheres --tf 0:red", 2, "points[0]"),
         ("render spheres --tf 0:red:0,9:reddish:1", 2, "points[1]"),
         ("render spheres --tf nope.json", 1, "nope.json"),
-        ("render spheres --tf warm --domain 0,1", 2, "--domain is for presets and colour maps"),
-        ("render spheres --tf mri --domain 0,1,2", 2, "--domain must be numbers such as 0,255"),
-        ("render spheres --tf mri --domain 1,0", 2, "domain"),
+        ("render spheres --tf warm --domain 0,1", 2, "--clim is for colour maps and presets"),
+        ("render spheres --tf mri --domain 0,1,2", 2, "--clim must be numbers such as 0,255"),
+        ("render spheres --tf mri --domain 1,0", 2, "clim must be"),
         ("render spheres --direction 1,2", 2, "--direction must be numbers"),
         ("render spheres --direction 0,0,0", 2, "direction must not be zero"),
         ("render spheres --up w", 2, "--up must be numbers"),
@@ -280,7 +349,7 @@ def test_outputs_are_where_they_were_asked_for(run, rendered):
         ("render spheres --clip-box 1,1,1,0,2,2", 2, "lo must be below hi"),
         ("render spheres --clip-sphere 1,1,1,-1", 2, "radius must be finite and > 0"),
         ("render spheres --device cuda:99", 2, "device"),
-        ("render spheres -o a.jpg", 2, "--output must end in .png, .exr"),
+        ("render spheres -o a.jp2", 2, "--output must end in .png, .jpg"),
         ("render spheres -o nowhere/a.png", 1, "--output must be in a folder that exists"),
         ("render spheres -o a.exr --background white", 2, "--background is for .png"),
         ("render volume.npy -o volume.npy", 2, "--output must not be the volume itself"),
@@ -410,15 +479,18 @@ def test_studies_are_listed_run_and_reported(run, monkeypatch):
     assert code == 1 and "not installed" in err
 
 
-def test_up_is_y_unless_the_file_says_where_the_head_is(run, rendered, tmp_path):
+def test_a_patient_is_seen_from_the_front(run, rendered, tmp_path):
     volume = spheres()
-    np.save("plain.npy", volume.numpy())
-    head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 12 12 12\nencoding: raw\n{}\n"
-    place = "space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n"
-    tmp_path.joinpath("head.nrrd").write_bytes(head.format(place).encode() + volume.numpy().tobytes())
-    for file, up in (("plain.npy", (0, 1, 0)), ("head.nrrd", (0, 0, 1))):
-        assert run("render", file)[0] == 0
-        np.testing.assert_array_equal(rendered["camera"].up, up)
+    head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 12 12 12\nencoding: raw\nspace: {}\n{}\n"
+    place = "space directions: (1,0,0) (0,1,0) (0,0,1)\n"
+    for space, front in (("left-posterior-superior", -1), ("right-anterior-superior", 1)):
+        content = head.format(space, place).encode() + volume.numpy().tobytes()
+        tmp_path.joinpath("head.nrrd").write_bytes(content)
+        assert run("render", "head.nrrd")[0] == 0
+        right, up, forward = rendered["camera"].basis()
+        assert -front * forward[1] > 0.8 and up[2] > 0.9
+        # The patient's left is on the right of the image.
+        assert right[0] * -front > 0.8
 
 
 def test_nothing_that_was_read_is_written_to(run):
@@ -432,6 +504,9 @@ def test_nothing_that_was_read_is_written_to(run):
     for output in ("slices/2.tif", "link.tif"):
         code, _, err = run("render", "slices", "-o", output)
         assert code == 2 and "--output must not be the volume itself" in err
+    np.save("a.npy", array)
+    code, _, err = run("render", "a.npy", "--labels", "slices", "-o", "link.tif")
+    assert code == 2 and "--output must not be the volume itself or its labels" in err
     assert {path: path.read_bytes() for path in Path("slices").iterdir()} == before
 
 
@@ -440,4 +515,6 @@ def test_warnings_are_lines_of_their_own(run):
     code, _, err = run(
         "render", "dark.npy", "--tf", "500:red:0,600:red:1", "--size", "4x4", "--integrator", "riemann:1"
     )
-    assert code == 0 and "wvr: nothing is visible" in err and "from 0 to 63" in err and "from 500 to inf" in err
+    assert (
+        code == 0 and "wvr: warning: nothing is visible" in err and "from 0 to 63" in err and "from 500 to inf" in err
+    )

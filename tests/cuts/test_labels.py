@@ -295,7 +295,7 @@ def test_errors_of_rendering(blobs):
     with pytest.raises(TypeError, match="segmentation must be a Segmentation or None, got ndarray"):
         wvr.render(blobs, RED, camera, (4, 4), segmentation=LABELS)
     with pytest.raises(TypeError, match="transfer_function must be a TransferFunction, got NoneType"):
-        wvr.render(blobs, None, camera, (4, 4))
+        wvr.Renderer(blobs, None).render(camera, (4, 4))
 
 
 def test_any_array_of_labels(blobs):

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import sys
+import warnings
 
 from cyclopts import App, CycloptsError
 
 from .. import __version__
 from .info import info
+from .orbit import orbit
 from .render import render
 from .study import study
+from .warm_up import warm_up
 
 app = App(name="wvr", help="Direct volume rendering, fast and accurate.", version=__version__, help_format="plaintext")
-for command in (render, info, study):
+for command in (render, orbit, info, warm_up, study):
     app.command(command)
+app.register_install_completion_command(help="Have the shell complete commands and options.")
 
 
 def main() -> int:
     """Run the command line in ``sys.argv``; returns the exit code."""
+    warnings.showwarning = _warned
     try:
         command, bound, *_ = app.parse_args(sys.argv[1:], exit_on_error=False, print_error=False, verbose=False)
         return command(*bound.args, **bound.kwargs) or 0
@@ -27,6 +32,11 @@ def main() -> int:
         return _failed(error, 2)
     except (OSError, MemoryError, ImportError) as error:
         return _failed(error, 1)
+
+
+def _warned(message: Warning | str, *_: object, **__: object) -> None:
+    # Of no line of the user's.
+    print(f"wvr: warning: {' '.join(str(message).split())}", file=sys.stderr)
 
 
 def _failed(error: Exception, code: int) -> int:

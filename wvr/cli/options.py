@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from ..validation import near
+
 if TYPE_CHECKING:
     from ..camera import Camera
     from ..cuts.base import Clip
+    from ..cuts.labels import Segmentation
+    from ..framing import Showing
     from ..integrators import Integrator
     from ..light.lighting import Lighting
     from ..light.shadows import ConvolutionShadows
+    from ..suggest import Suggestion
     from ..transfer_function import TransferFunction
+    from ..views import View
     from ..volume import Volume
 
 # "--direction -1,0,0" is a value that looks like an option.
@@ -26,6 +33,14 @@ Size = Annotated[int, Parameter(validator=Number(gte=2))]
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 AXES |= {f"-{name}": (0 - x, 0 - y, 0 - z) for name, (x, y, z) in AXES.items()}
+
+
+class Lens(NamedTuple):
+    """Of a camera: vertical angle [degrees], whether it is orthographic, and width / height of the image."""
+
+    view_angle: float
+    parallel: bool
+    aspect: float
 
 
 def size_of(text: str) -> tuple[int, int]:
@@ -52,7 +67,9 @@ def integrator_of(text: str) -> Integrator:
     kinds: dict[str, Callable[..., Integrator]] = {kind.__name__.lower(): kind for kind in integrators.KINDS}
     name, *values = text.split(":")
     if name not in kinds:
-        raise ValueError(f"--integrator must start with one of {', '.join(kinds)}, got {text!r}")
+        raise ValueError(
+            f"--integrator must start with one of {', '.join(kinds)}, got {text!r}{near(name, list(kinds))}"
+        )
     try:
         return kinds[name](*map(_literal, values))
     except TypeError as error:
@@ -61,20 +78,25 @@ def integrator_of(text: str) -> Integrator:
         ) from error
 
 
-def lighting_of(text: str) -> Lighting:
+def lighting_of(text: str) -> Lighting | bool:
+    if text in ("on", "off"):
+        return text == "on"
     from ..light.lighting import MODES, Lighting
 
     mode, *values = text.split(":")
     names = ("ambient", "diffuse", "specular", "shininess")
-    numbers = [_literal(value) for value in values]
-    if mode not in MODES or len(values) > len(names) or any(isinstance(number, str) for number in numbers):
+    given = [_literal(value) for value in values]
+    if mode not in MODES or len(values) > len(names) or any(isinstance(number, str) for number in given):
         raise ValueError(
-            f"--lighting must be one of {', '.join(MODES)}, or like interpolated:0.2:0.7:0.3:32, got {text!r}"
+            f"--lighting must be one of {', '.join(MODES)}, or like interpolated:0.2:0.7:0.3:32, or on or off, got "
+            f"{text!r}{near(mode, MODES)}"
         )
-    return Lighting(mode, **dict(zip(names, numbers, strict=False)))  # type: ignore[arg-type]
+    return Lighting(mode, **dict(zip(names, given, strict=False)))  # type: ignore[arg-type]
 
 
-def shadows_of(text: str) -> ConvolutionShadows:
+def shadows_of(text: str) -> ConvolutionShadows | bool:
+    if text in ("on", "off"):
+        return text == "on"
     from ..light.lights import DirectionalLight
     from ..light.shadows import ConvolutionShadows
 
@@ -95,40 +117,65 @@ def _literal(text: str) -> int | float | str:
 def clips_of(planes: list[str] | None, boxes: list[str] | None, balls: list[str] | None) -> list[Clip]:
     from ..cuts.shapes import ClipBox, ClipPlane, ClipSphere
 
-    def allnumbers(texts: list[str] | None, option: str, example: str) -> list[tuple[Any, ...]]:
+    def several(texts: list[str] | None, option: str, example: str) -> list[tuple[Any, ...]]:
         return [numbers(text, option, example) for text in texts or []]
 
     return [
-        *(ClipPlane(n[:3], n[3:]) for n in allnumbers(planes, "--clip-plane", "64,64,64,0,0,1")),
-        *(ClipBox(n[:3], n[3:]) for n in allnumbers(boxes, "--clip-box", "0,0,0,64,64,64")),
-        *(ClipSphere(n[:3], n[3]) for n in allnumbers(balls, "--clip-sphere", "64,64,64,32")),
+        *(ClipPlane(n[:3], n[3:]) for n in several(planes, "--clip-plane", "64,64,64,0,0,1")),
+        *(ClipBox(n[:3], n[3:]) for n in several(boxes, "--clip-box", "0,0,0,64,64,64")),
+        *(ClipSphere(n[:3], n[3]) for n in several(balls, "--clip-sphere", "64,64,64,32")),
     ]
+
+
+def view_of(volume: Volume, shown: Showing, direction: str | None, up: str | None) -> View:
+    """Where it is seen from: as suggested, but for what is given."""
+    from ..views import View, suggested_view
+
+    if direction is None and up is None:
+        return suggested_view(volume, shown)
+    upward = (0.0, 0.0, 1.0) if up is None else AXES.get(up) or numbers(up, "--up", "0,0,1")
+    towards = _default_direction(upward) if direction is None else numbers(direction, "--direction", "1,0.6,0.4")
+    if not np.any(towards):
+        raise ValueError(f"direction must not be zero, got {direction!r}")
+    return View(np.array(towards), np.array(upward))
 
 
 def camera_of(
     volume: Volume,
-    direction: str | None,
-    up: str,
-    view_angle: float,
-    parallel: bool,
-    camera: str | None,
-    aspect: float,
+    shown: Showing,
+    clips: list[Clip],
+    place: tuple[str | None, str | None, str | None],
+    lens: Lens,
 ) -> Camera:
+    """From ``place``, what is given for --camera, --direction and --up."""
     from ..camera import Camera
+    from ..framing import framed, visible_points
+    from ..views import NAMES, named_view
 
-    upward = AXES.get(up) or numbers(up, "--up", "0,0,1")
+    camera, direction, up = place
+    view_angle, parallel, aspect = lens
     if camera is None:
-        towards = _default_direction(upward) if direction is None else numbers(direction, "--direction", "1,0.6,0.4")
-        return Camera.fit(volume, towards, upward, parallel, view_angle, aspect)
+        view = view_of(volume, shown, direction, up)
+        return framed(visible_points(volume, shown, clips), *view, view_angle, aspect, parallel)
     if direction is not None:
         raise ValueError("give --camera or --direction, not both")
-    place = numbers(camera, "--camera", "300,200,100,0,0,0")
-    perspective = Camera(place[:3], place[3:], upward, view_angle)
+    if not re.match(r"[-+.\d]", camera):
+        if camera not in NAMES:
+            raise ValueError(
+                f"--camera must be one of {', '.join(NAMES)}, or PX,PY,PZ,TX,TY,TZ, got {camera!r}{near(camera, NAMES)}"
+            )
+        view = named_view(camera, volume)
+        if up is not None:
+            view = view._replace(up=view_of(volume, shown, None, up).up)
+        return framed(visible_points(volume, shown, clips), *view, view_angle, aspect, parallel)
+    at = numbers(camera, "--camera", "300,200,100,0,0,0")
+    upward = AXES.get(up or "z") or numbers(up or "", "--up", "0,0,1")
+    perspective = Camera(at[:3], at[3:], upward, view_angle)
     if not parallel:
         return perspective
     distance = np.linalg.norm(perspective.position - perspective.target)
     scale = float(distance * np.tan(np.radians(view_angle) / 2))
-    return Camera(place[:3], place[3:], upward, parallel_scale=scale)
+    return Camera(at[:3], at[3:], upward, parallel_scale=scale)
 
 
 def _default_direction(up: tuple[float, ...]) -> tuple[float, ...]:
@@ -139,34 +186,63 @@ def _default_direction(up: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(direction.tolist())
 
 
-def transfer_function_of(text: str | None, domain: str | None, volume: Volume) -> TransferFunction:
+def transfer_function_of(
+    text: str | None, cmap: str | None, opacity: str | None, clim: str | None, volume: Volume
+) -> tuple[TransferFunction, Suggestion | None]:
+    """What --tf, --cmap, --opacity and --clim mean, and the suggestion that it is from, if it is."""
     import matplotlib
 
-    from ..presets import HOUNSFIELD, PRESETS, suggest
+    from ..defaults import function_of
     from ..transfer_function import TransferFunction
 
-    span = None if domain is None else numbers(domain, "--domain", "0,255")
-    if text in PRESETS:
-        hounsfield = PRESETS[text].range == HOUNSFIELD
-        return TransferFunction.preset(text, span or (None if hounsfield else volume.range))
-    if text is not None and text in matplotlib.colormaps:
-        # The square leaves the noise of a dark background transparent; the unit makes it independent of resolution.
-        lengths = np.linalg.norm(volume.index_to_world[:3, :3], axis=0) * volume.dimensions
-        opacity = 0.9 * np.linspace(0, 1, 9) ** 2
-        return TransferFunction.from_colormap(text, span or volume.range, opacity, float(lengths.max()) / 16)
-    if span is not None:
-        raise ValueError(f"--domain is for presets and colour maps, --tf is {text or 'a suggestion'}")
-    if text is not None and text.lower().endswith(".json"):
-        return TransferFunction.load(text)
+    if text is not None and cmap is not None:
+        raise ValueError(f"give --tf or --cmap, not both, got {text!r} and {cmap!r}")
+    limits = None if clim is None else numbers(clim, "--clim", "0,255")
+    strengths: Any = opacity
+    if opacity is not None and re.match(r"[-+.\d]", opacity):
+        try:
+            strengths = [float(part) for part in opacity.split(",")]
+        except ValueError:
+            raise ValueError(f"--opacity must be a name or numbers such as 0,0.2,0.9, got {opacity!r}") from None
+        strengths = strengths[0] if len(strengths) == 1 else strengths
+    given: Any = text if cmap is None else cmap
     if text is not None and ":" in text:
-        points: list[Any] = [part.split(":") for part in text.split(",")]
-        return TransferFunction(points)
-    suggestions = suggest(volume)
-    if text is None:
-        return next(iter(suggestions.values()))
-    if text not in suggestions:
+        given = TransferFunction([tuple(part.split(":")) for part in text.split(",")])  # type: ignore[misc]
+    elif cmap is not None and "," in cmap:
+        given = cmap.split(",")
+    elif cmap is not None and cmap not in matplotlib.colormaps:
         raise ValueError(
-            f"--tf must be one of {', '.join([*suggestions, *PRESETS])}, a Matplotlib colour map, a .json file or "
-            f"SCALAR:COLOUR:OPACITY,..., got {text!r}"
+            f"--cmap must be a Matplotlib colour map, or two or more colours such as black,red,white, got "
+            f"{cmap!r}{near(cmap, list(matplotlib.colormaps))}"
         )
-    return suggestions[text]
+    try:
+        return function_of(given, volume, strengths, limits)
+    except ValueError as error:
+        # By the names that they have here.
+        message = re.sub("^transfer_function must", "--tf must", str(error))
+        raise ValueError(re.sub("^(clim|opacity) ", r"--\1 ", message)) from None
+
+
+def labels_of(path: Path, tf: TransferFunction) -> tuple[Segmentation, tuple[Path, ...]]:
+    """The labels in a file, each in a colour of its own with the opacity of the transfer function, and what was read.
+
+    0 is nothing.
+    """
+    from ..color import linear_rgb
+    from ..cuts.labels import Segmentation
+    from ..io import read
+    from ..suggest import label_colors
+    from ..transfer_function import TransferFunction
+
+    labels = read(path)
+    if labels.dtype.kind not in "iu" or labels.range[0] < 0:
+        raise ValueError(f"--labels must be a file of whole numbers from 0, {path} has {labels.dtype}")
+    values = [int(value) for value in np.unique(labels.host()) if value > 0]
+    functions = {
+        value: TransferFunction.from_arrays(
+            tf.knots, np.tile(linear_rgb(color), (len(tf.knots), 1)), tf.opacities, tf.unit_distance
+        )
+        for value, color in zip(values, label_colors(len(values)), strict=True)
+    }
+    dtype = "uint8" if labels.range[1] < 256 else "uint16"
+    return Segmentation(labels.host().astype(dtype), functions), labels.files

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from ..validation import near
 from .options import Size, Vector, numbers
 from .stages import Stages
 
@@ -64,6 +65,7 @@ class Reading:
         if source not in datasets.names():
             raise FileNotFoundError(
                 f"{source!r} is neither a file or folder nor a dataset; datasets are {', '.join(datasets.names())}"
+                f"{near(source, [*_files_beside(source), *datasets.names()])}"
             )
         self._refuse("scalars", "frame", "shape", "dtype", "spacing", "offset", of=f"files, {source!r} is a dataset")
         if source in datasets.GENERATED:
@@ -104,3 +106,12 @@ class Reading:
         order: Literal["little", "big"] = "big" if dtype.str.startswith(">") else "little"
         whole = [int(n) for n in shape]
         return read_raw(source, whole, dtype, spacing, offset=self.offset or 0, byteorder=order, nan=nan)
+
+
+def _files_beside(source: str) -> list[str]:
+    """What else there is where the source was looked for, as it would be given."""
+    folder = Path(source).parent
+    try:
+        return [str(folder / name.name) for name in folder.iterdir()]
+    except OSError:
+        return []

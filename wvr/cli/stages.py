@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import sys
-import warnings
 from threading import Timer
 
 
@@ -19,9 +18,6 @@ class Stages(logging.Handler):
         self.progress = Progress(*columns, console=Console(stderr=True), transient=True)
         self.task = self.progress.add_task("")
         self.timer: Timer | None = None
-        self.caught = warnings.catch_warnings()
-        self.caught.__enter__()
-        warnings.showwarning = lambda message, *_: print(f"wvr: {message}", file=sys.stderr)
         self.log = logging.getLogger("wvr")
         self.log.addHandler(self)
         self.log.setLevel(logging.INFO)
@@ -41,7 +37,6 @@ class Stages(logging.Handler):
 
     def __exit__(self, *error: object) -> None:
         self.log.removeHandler(self)
-        self.caught.__exit__(None, None, None)
         if self.timer is not None:
             self.timer.cancel()
             self.timer.join()

@@ -26,6 +26,10 @@ class Clip:
     #: How a segment is cut, of clips that cut segments instead of rays.
     parts: str | None = None
 
+    def keeps(self, points: Floats) -> NDArray[np.bool_]:
+        """Which world points (n, 3) it leaves, as far as that is known here; all where it is not."""
+        return np.ones(len(points), bool)
+
     def check(self, scene: Scene) -> None:
         """Say so where the scene's other pieces do not go with this one."""
         if self.parts is not None and scene.lighting is not None:
@@ -46,6 +50,14 @@ class Shape(Clip):
         for name, vector in vectors.items():
             object.__setattr__(self, name, tuple(vector.tolist()))
         object.__setattr__(self, "world_to_shape", np.column_stack([matrix, offset]))
+
+    def holds(self, points: Floats) -> NDArray[np.bool_] | None:
+        """Which points of its own coordinates (n, 3) are inside; None where a subclass does not say."""
+        return None
+
+    def keeps(self, points: Floats) -> NDArray[np.bool_]:
+        inside = self.holds(points @ self.world_to_shape[:, :3].T + self.world_to_shape[:, 3])
+        return super().keeps(points) if inside is None else inside ^ self.invert
 
 
 def clip_list(clip: object) -> tuple[Clip, ...]:

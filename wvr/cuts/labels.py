@@ -117,6 +117,13 @@ class Segmentation:
         functions = {label: tf.scaled(exponent) for label, tf in self.transfer_functions.items()}
         return Segmentation(self.labels, functions, None if self.other is None else self.other.scaled(exponent))
 
+    def for_volume(self, volume: Field) -> Segmentation:
+        """The same with lengths for unit distances that a volume says, as of ``TransferFunction.for_volume``."""
+        functions = {label: tf.for_volume(volume) for label, tf in self.transfer_functions.items()}
+        other = None if self.other is None else self.other.for_volume(volume)
+        same = functions == self.transfer_functions and other == self.other
+        return self if same else Segmentation(self.labels, functions, other)
+
     def check(self, scene: Scene) -> None:
         """Say so where the labels are not those of the scene's volume."""
         if self.labels.shape != scene.volume.shape:

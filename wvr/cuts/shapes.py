@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..kernels.cuts.shapes import BOX, PLANE, SPHERE
 from ..kernels.cuts.shapes import Shape as Half
 from ..validation import finite_vector, positive
-from .base import Shape
+from .base import Floats, Shape
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,9 @@ class ClipPlane(Shape):
         matrix[0], offset[0] = unit, -unit @ point
         self.define(matrix, offset, point=point, normal=normal)
 
+    def holds(self, points: Floats) -> NDArray[np.bool_]:
+        return points[:, 0] >= 0
+
 
 @dataclass(frozen=True)
 class ClipBox(Shape):
@@ -88,6 +91,9 @@ class ClipBox(Shape):
         half = (hi - lo) / 2
         self.define(np.diag(1 / half), -(lo + half) / half, lo=lo, hi=hi)
 
+    def holds(self, points: Floats) -> NDArray[np.bool_]:
+        return np.abs(points).max(axis=1) <= 1
+
 
 @dataclass(frozen=True)
 class ClipSphere(Shape):
@@ -120,3 +126,6 @@ class ClipSphere(Shape):
         center = finite_vector(self.center, "center", "the centre of the sphere")
         radius = positive(self.radius, "radius")
         self.define(np.eye(3) / radius, -center / radius, center=center)
+
+    def holds(self, points: Floats) -> NDArray[np.bool_]:
+        return np.linalg.norm(points, axis=1) <= 1

@@ -1,0 +1,153 @@
+"""Movies have the frames that were asked for, whole or not at all; an orbit keeps everything in the frame."""
+
+import numpy as np
+import pytest
+from PIL import Image as PillowImage
+from PIL import ImageSequence
+
+import wvr
+
+SIZE = (24, 18)
+FAST = {"size": SIZE, "integrator": wvr.Riemann(1.0)}
+
+
+@pytest.fixture(scope="module")
+def volume():
+    return wvr.datasets.load("spheres", 12)
+
+
+def flat(value, size=SIZE):
+    return np.full((size[1], size[0], 3), value, np.uint8)
+
+
+def frames_of(path):
+    if path.suffix == ".gif":
+        return [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(PillowImage.open(path))]
+    if path.is_dir():
+        return [np.asarray(PillowImage.open(file)) for file in sorted(path.iterdir())]
+    reader = pytest.importorskip("imageio_ffmpeg").read_frames(str(path))
+    width, height = next(reader)["size"]
+    return [np.frombuffer(frame, np.uint8).reshape(height, width, 3) for frame in reader]
+
+
+@pytest.mark.parametrize("name", ["turn.gif", "turn.mp4", "turn"])
+@pytest.mark.parametrize("size", [(24, 18), (23, 17)])
+def test_frames_are_what_was_given(tmp_path, name, size):
+    if name.endswith("mp4"):
+        pytest.importorskip("imageio_ffmpeg")
+    values = (10, 120, 250)
+    path = wvr.save_movie((flat(value, size) for value in values), tmp_path / name, fps=10)
+    frames = frames_of(path)
+    assert len(frames) == 3 and list(tmp_path.iterdir()) == [path]
+    for frame, value in zip(frames, values, strict=True):
+        # An edge is repeated where a movie must be even.
+        assert frame.shape[0] - size[1] in (0, 1) and np.abs(frame.astype(int) - value).max() <= 4
+
+
+def test_images_are_in_front_of_their_background(tmp_path):
+    empty = np.zeros((2, 3, 4), np.float32), np.zeros((2, 3), np.int32)
+    images = [wvr.Image(*empty), wvr.Image(*empty, background="red"), wvr.Image(*empty, background="transparent")]
+    frames = frames_of(wvr.save_movie(images, tmp_path / "a"))
+    assert [frame[0, 0].tolist() for frame in frames] == [[255, 255, 255], [255, 0, 0], [255, 255, 255]]
+
+
+@pytest.mark.parametrize(
+    ("images", "name", "error", "message"),
+    [
+        ([], "a.gif", ValueError, "images must be at least one"),
+        ([flat(1), flat(1, (9, 9))], "a.gif", ValueError, r"one size, got \(24, 18\) and \(9, 9\)"),
+        ([np.zeros((4, 4))], "a.gif", TypeError, "uint8"),
+        ([flat(1)], "a.avi", ValueError, "output must end in .mp4, .gif"),
+        ([flat(1)], "nowhere/a.gif", FileNotFoundError, "folder that exists"),
+        ([flat(1)], "full", ValueError, "new or empty folder"),
+    ],
+)
+def test_nothing_is_half_written(tmp_path, images, name, error, message):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "a.txt").write_text("")
+    with pytest.raises(error, match=message):
+        wvr.save_movie(images, tmp_path / name)
+    assert [path.name for path in tmp_path.iterdir()] == ["full"]
+
+
+def test_a_movie_that_fails_leaves_the_old_one(tmp_path):
+    def images():
+        yield flat(1)
+        raise KeyboardInterrupt
+
+    (tmp_path / "a.gif").write_bytes(b"old")
+    with pytest.raises(KeyboardInterrupt):
+        wvr.save_movie(images(), tmp_path / "a.gif")
+    assert (tmp_path / "a.gif").read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 1
+
+
+def test_without_ffmpeg_it_is_said_before_anything_is_rendered(volume, tmp_path, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(ImportError, match=r"pip install .wvr\[movies\]"):
+        wvr.orbit(volume, output=tmp_path / "a.mp4", frames=1, **FAST)
+
+
+def test_an_orbit_is_counter_clockwise_and_keeps_its_distance(volume):
+    images = list(wvr.orbit(volume, frames=4, elevation=30, **FAST))
+    cameras = [image.shown.camera for image in images]
+    towards = np.array([-camera.basis()[2] for camera in cameras])
+    level = np.cos(np.pi / 6)
+    np.testing.assert_allclose(
+        towards, [[level, 0, 0.5], [0, level, 0.5], [-level, 0, 0.5], [0, -level, 0.5]], atol=1e-12
+    )
+    distances = [np.linalg.norm(camera.position - camera.target) for camera in cameras]
+    np.testing.assert_allclose(distances, distances[0])
+    for image in images:
+        # All is in the frame, which is filled, and lit from where the camera is.
+        alpha = image.rgba[..., 3] > 0.05
+        assert not alpha[[0, -1]].any() and not alpha[:, [0, -1]].any() and np.ptp(np.nonzero(alpha)[0]) > 10
+    np.testing.assert_allclose(images[0].rgba, images[2].rgba, atol=0.05)  # a sphere
+
+
+def test_an_orbit_takes_what_render_takes(volume, tmp_path):
+    path = wvr.orbit(volume, "viridis", 2, tmp_path / "a", opacity="linear", clim=(0, 100), lighting=False, **FAST)
+    assert len(frames_of(path)) == 2
+    for wrong, message in (({"frames": 0}, "frames must be"), ({"elevation": 90}, "elevation must be")):
+        with pytest.raises(ValueError, match=message):
+            wvr.orbit(volume, **(FAST | wrong))
+    with pytest.raises(TypeError, match="camera is what orbit chooses"):
+        wvr.orbit(volume, camera="iso", **FAST)
+
+
+@pytest.mark.parametrize("kind", ["list", "array", "xarray"])
+def test_a_time_series_has_one_look(kind, tmp_path):
+    moments = np.zeros((3, 8, 8, 8), np.uint8)
+    for n in range(3):
+        moments[n, 2:6, 2:6, 2 : 4 + n] = 200
+    data = {"list": list(moments), "array": moments}.get(kind)
+    if kind == "xarray":
+        data = pytest.importorskip("xarray").DataArray(moments, dims=("time", "z", "y", "x"))
+    images = list(wvr.time_series(data, **FAST))
+    camera = images[0].shown.camera
+    assert all(repr(image.shown.camera) == repr(camera) for image in images)
+    tf = images[0].shown.transfer_function
+    alone = wvr.render(moments[2], tf, camera, lighting=wvr.render(moments[0], **FAST) and True, **FAST)
+    np.testing.assert_array_equal(images[2].rgba[..., 3], alone.rgba[..., 3])
+    assert len(frames_of(wvr.time_series(data, output=tmp_path / "a", **FAST))) == 3
+
+
+@pytest.mark.parametrize(
+    ("data", "error", "message"),
+    [
+        ([], ValueError, "at least one volume"),
+        (np.zeros((3, 4, 5)), ValueError, "four axes"),
+        ("a.nrrd", TypeError, "a sequence of volumes"),
+    ],
+)
+def test_what_is_no_time_series(data, error, message):
+    with pytest.raises(error, match=message):
+        wvr.time_series(data, **FAST)
+
+
+def test_all_volumes_of_a_time_series_have_one_shape():
+    images = wvr.time_series([np.eye(4)[None] + np.zeros((4, 1, 1)), np.eye(5)[None] + np.zeros((4, 1, 1))], **FAST)
+    next(images)
+    with pytest.raises(ValueError, match=r"one shape, got \(4, 4, 4\) and \(4, 5, 5\)"):
+        next(images)

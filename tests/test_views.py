@@ -1,0 +1,229 @@
+"""Views are where they are named, patients are seen from the front, and what is visible fills the frame."""
+
+import hypothesis
+import numpy as np
+import pytest
+import pyvista as pv
+from hypothesis import strategies as st
+
+import wvr
+from wvr.defaults import camera_of
+from wvr.framing import MARGIN, framed, visible_points
+from wvr.views import NAMES, WORLD, named_view, suggested_view
+
+# Nothing below 50.
+SEEN = wvr.TransferFunction([(50, "red", 0.0), (100, "white", 0.5)])
+vectors = st.tuples(*[st.floats(-1, 1)] * 3)
+
+
+def box(low, high, shape=(40, 40, 40), **place):
+    """A volume with 100 between two corners x, y, z."""
+    values = np.zeros(shape, np.uint8)
+    (x0, y0, z0), (x1, y1, z1) = low, high
+    values[z0:z1, y0:y1, x0:x1] = 100
+    return wvr.Volume(values, **place)
+
+
+def test_far_away_and_tiny(points=((0, 0, 0), (1, 2, 3))):
+    for scale, offset in ((1e-9, 0), (1, 1e9), (1e12, 0)):
+        camera = framed(scale * np.array(points) + offset, (1, 1, 1), (0, 0, 1))
+        x, y = camera.project(scale * np.array(points) + offset, (100, 100)).T
+        assert np.all((x > 0) & (x < 99) & (y > 0) & (y < 99)) and max(np.ptp(x), np.ptp(y)) > 80
+
+
+@hypothesis.settings(max_examples=60, deadline=None)
+@hypothesis.given(
+    st.lists(vectors, min_size=2, max_size=9),
+    vectors,
+    st.floats(0.3, 3),
+    st.floats(5, 100),
+    st.booleans(),
+)
+def test_all_points_are_in_the_frame_and_touch_its_edge(points, direction, aspect, angle, parallel):
+    points = np.array(points)
+    if np.linalg.norm(direction) < 0.1 or np.ptp(points, axis=0).max() < 0.1:
+        return
+    up = np.eye(3)[np.argmin(np.abs(direction))]
+    camera = framed(points, direction, up, angle, aspect, parallel)
+    height = 1000.0
+    width = height * aspect
+    x, y = camera.project(points, (max(1, round(width)), 1000)).T
+    # Of the half image, in parts, from its middle.
+    across = np.abs((2 * x + 1) / round(width) - 1)
+    down = np.abs((2 * y + 1) / height - 1)
+    assert np.all(np.isfinite(x)) and max(across.max(), down.max()) <= 1 - 2 * MARGIN + 0.01
+    right, upward, forward = camera.basis()
+    if np.ptp(points @ forward) < 0.2 < max(np.ptp(points @ right), np.ptp(points @ upward)):
+        assert max(across.max(), down.max()) >= 1 - 2 * MARGIN - 0.02
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_project_is_where_rays_go(parallel):
+    camera = wvr.Camera((5, 2, 1), (0, 0.5, 0), (0, 1, 4), parallel_scale=2.5 if parallel else None)
+    origins, directions = camera.rays((7, 5))
+    pixels = camera.project(origins + 3.7 * directions, (7, 5))
+    np.testing.assert_allclose(pixels[..., 0], np.arange(7)[None, :].repeat(5, 0), atol=1e-9)
+    np.testing.assert_allclose(pixels[..., 1], np.arange(5)[:, None].repeat(7, 1), atol=1e-9)
+    if not parallel:
+        assert np.all(np.isnan(camera.project((20, 8, 4), (7, 5))))
+
+
+def test_visible_points_are_around_what_is_visible():
+    volume = box((8, 12, 20), (16, 20, 36), spacing=(1, 2, 0.5), origin=(3, 4, 5))
+    low, high = np.array([8, 12, 20]), np.array([15, 19, 35])
+    points = (visible_points(volume, SEEN) - volume.origin) / volume.spacing
+    assert np.all(points.min(axis=0) <= low) and np.all(points.min(axis=0) >= low - 2)
+    assert np.all(points.max(axis=0) >= high) and np.all(points.max(axis=0) <= high + 2)
+    empty = wvr.Volume(np.zeros((4, 4, 4)))
+    np.testing.assert_array_equal(visible_points(empty, SEEN), empty.corners)
+
+
+def test_what_is_cut_away_is_not_visible():
+    volume = box((8, 8, 8), (32, 32, 32))
+    clips = [wvr.ClipPlane((20, 0, 0), (-1, 0, 0)), wvr.ClipBox((0, 0, 0), (40, 15, 40)), wvr.ClipSphere((8, 8, 8), 20)]
+    points = visible_points(volume, SEEN, clips)
+    assert points[:, 0].max() <= 20 and points[:, 1].max() <= 15
+    assert np.linalg.norm(points - 8, axis=1).max() <= 20 and points.min() <= 8
+    points = visible_points(volume, SEEN, [wvr.ClipSphere((20, 20, 20), 15, invert=True)])
+    assert np.linalg.norm(points - 20, axis=1).min() >= 15
+    # Where nothing is left the frame is that of the whole.
+    nothing = visible_points(volume, SEEN, [wvr.ClipSphere((0, 0, 0), 1)])
+    np.testing.assert_array_equal(nothing, visible_points(volume, SEEN))
+
+
+def test_labels_are_visible_where_their_functions_are():
+    volume = box((0, 0, 0), (40, 40, 40))
+    labels = np.zeros((40, 40, 40), np.uint8)
+    labels[10:20, 12:22, 14:24] = 5
+    points = visible_points(volume, wvr.Segmentation(labels, {5: SEEN}))
+    assert np.all(points.min(axis=0) >= (12, 10, 8)) and np.all(points.max(axis=0) <= (26, 24, 22))
+    np.testing.assert_array_less(visible_points(volume, wvr.Segmentation(labels, {7: SEEN}, SEEN)).min(axis=0), 1)
+
+
+def test_the_image_is_filled():
+    """Of a small thing in a large volume: by a picture."""
+    image = wvr.render(box((4, 4, 4), (14, 10, 8)), SEEN, size=(96, 64), integrator=wvr.Riemann(1.0))
+    rows, columns = np.nonzero(image.rgba[..., 3] > 0.01)
+    assert max(np.ptp(rows) / 64, np.ptp(columns) / 96) > 0.7
+    assert rows.min() > 0 and rows.max() < 63 and columns.min() > 0 and columns.max() < 95
+
+
+@pytest.mark.parametrize("name", WORLD)
+def test_views_are_those_of_pyvista(name):
+    plotter = pv.Plotter(off_screen=True)
+    plotter.add_mesh(pv.Cube())
+    plotter.camera_position = name
+    theirs = wvr.Camera.from_pyvista(plotter.camera)
+    plotter.close()
+    ours = camera_of(name, box((10, 10, 10), (30, 30, 30)), SEEN, 1.0)
+    np.testing.assert_allclose(ours.basis(), theirs.basis(), atol=1e-6)
+
+
+@pytest.mark.parametrize(("axes", "left", "back"), [("LPS", 1, 1), ("RAS", -1, -1)])
+def test_patients_are_seen_as_named_whatever_the_files_axes(axes, left, back):
+    volume = box((10, 10, 10), (30, 30, 30))
+    volume.anatomical = axes
+    towards = {
+        "anterior": (0, -back, 0),
+        "posterior": (0, back, 0),
+        "left": (left, 0, 0),
+        "right": (-left, 0, 0),
+        "superior": (0, 0, 1),
+        "inferior": (0, 0, -1),
+    }
+    for name, direction in towards.items():
+        camera = camera_of(name, volume, SEEN, 1.0)
+        np.testing.assert_allclose(-camera.basis()[2], direction, atol=1e-12)
+        assert camera.basis()[1] @ (0, 0, 1) > 0.99 or camera.basis()[1] @ (0, -back, 0) > 0.99
+    right, up, forward = camera_of(None, volume, SEEN, 1.0).basis()
+    assert forward[1] * back > 0.8 and up[2] > 0.9 and right[0] * left > 0.8
+
+
+def test_a_patients_view_needs_a_patient():
+    with pytest.raises(ValueError, match="camera='left' needs a volume whose file says how the patient lies"):
+        named_view("left", box((1, 1, 1), (3, 3, 3)))
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("side", [-1, 1])
+def test_what_stands_on_a_side_is_seen_upright(axis, side):
+    """A ball on a plate that touches a face of the box."""
+    values = np.zeros((32, 32, 32), np.uint8)
+    z, y, x = np.ogrid[:32, :32, :32]
+    values[(x - 16) ** 2 + (y - 16) ** 2 + (z - 16) ** 2 < 60] = 100
+    plate = [slice(4, 28)] * 3
+    plate[2 - axis] = slice(0, 3) if side < 0 else slice(29, 32)
+    values[tuple(plate)] = 100
+    view = suggested_view(wvr.Volume(values), SEEN)
+    np.testing.assert_array_equal(view.up, np.eye(3)[axis] * -side)
+    assert 0 < view.direction @ view.up < np.linalg.norm(view.direction)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_what_is_tall_stands_and_what_is_flat_is_seen_from_its_face(axis):
+    low, high = [16, 16, 16], [24, 24, 24]
+    low[axis], high[axis] = 4, 36
+    np.testing.assert_array_equal(suggested_view(box(low, high), SEEN).up, np.eye(3)[axis])
+    low, high = [4, 4, 4], [36, 36, 36]
+    low[axis], high[axis] = 18, 22
+    view = suggested_view(box(low, high), SEEN)
+    # From its face where it lies on the ground, else upright.
+    if axis == 2:
+        assert view.direction[2] > 0.8 * np.linalg.norm(view.direction)
+
+
+def test_simulations_have_z_upwards():
+    volume = box((2, 16, 16), (38, 24, 24))
+    np.testing.assert_array_equal(suggested_view(wvr.Volume(volume.numpy().astype(np.float32)), SEEN).up, (0, 0, 1))
+
+
+def test_a_single_slice_is_seen_along_its_normal():
+    for axis in range(3):
+        shape = [9, 9, 9]
+        shape[2 - axis] = 1
+        volume = wvr.Volume(np.full(shape, 100, np.uint8))
+        view = suggested_view(volume, SEEN)
+        np.testing.assert_allclose(np.abs(view.direction), np.eye(3)[axis])
+        assert view.up @ view.direction == 0
+        volume.anatomical = "LPS"
+        expected = {0: "left", 1: "anterior", 2: "inferior"}[axis]
+        np.testing.assert_array_equal(suggested_view(volume, SEEN), named_view(expected, volume))
+
+
+def test_orbits():
+    volume = box((10, 10, 10), (30, 30, 30))
+    whole = wvr.Camera.fit(volume, (1, 0, 0))
+    np.testing.assert_allclose(wvr.Camera.orbit(volume, 0, 0).position, whole.position)
+    camera = wvr.Camera.orbit(volume, 90, 30)
+    direction = -camera.basis()[2]
+    np.testing.assert_allclose(direction, [0, np.cos(np.pi / 6), 0.5], atol=1e-12)
+    np.testing.assert_allclose(wvr.Camera.orbit(volume, 450, 30).position, camera.position)
+    volume.anatomical = "LPS"
+    np.testing.assert_allclose(-wvr.Camera.orbit(volume, 0, 0).basis()[2], (0, -1, 0), atol=1e-12)
+    with pytest.raises(ValueError, match="elevation in"):
+        wvr.Camera.orbit(volume, 0, 90)
+
+
+@pytest.mark.parametrize("scale", [None, 3.0])
+def test_cameras_to_pyvista_and_back(scale):
+    camera = wvr.Camera((5, 2, 1), (0, 0.5, 0), (0, 1, 4), 40, scale)
+    back = wvr.Camera.from_pyvista(camera.to_pyvista())
+    np.testing.assert_allclose(back.basis(), camera.basis(), atol=1e-12)
+    np.testing.assert_allclose(back.position, camera.position)
+    assert (back.view_angle, back.parallel_scale) == (pytest.approx(40), scale)
+
+
+def test_cameras_in_other_words():
+    volume = box((10, 10, 10), (30, 30, 30))
+    camera = wvr.Camera((50, 2, 1), (0, 0.5, 0), (0, 1, 4))
+    plotter = pv.Plotter(off_screen=True)
+    plotter.camera = camera.to_pyvista()
+    for given in (camera, camera.to_pyvista(), plotter, plotter.camera_position, [(50, 2, 1), (0, 0.5, 0), (0, 1, 4)]):
+        same = camera_of(given, volume, SEEN, 1.0)
+        np.testing.assert_allclose(same.basis(), camera.basis(), atol=1e-9)
+        np.testing.assert_allclose(same.position, camera.position, atol=1e-9)
+    plotter.close()
+    for direction in ((1, 2, 3), (0, 0, -2)):
+        found = -camera_of(direction, volume, SEEN, 1.0).basis()[2]
+        np.testing.assert_allclose(found, np.array(direction) / np.linalg.norm(direction), atol=1e-9)
+    assert len(set(NAMES)) == 13

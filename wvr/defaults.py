@@ -1,0 +1,281 @@
+"""What is left out of a call of :func:`wvr.render`, and what shorthands stand for."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera import Camera
+from .colormaps import Colors, Opacity, entries
+from .cuts.base import Clip, clip_list
+from .cuts.labels import Segmentation
+from .field.base import Field
+from .framing import Showing, framed, visible_points
+from .light.lighting import Lighting, Mode
+from .light.lights import DirectionalLight, Headlight
+from .light.shadows import ConvolutionShadows
+from .preset_points import HOUNSFIELD, PRESETS
+from .suggest import Suggestion, suggestion
+from .transfer_function import TransferFunction
+from .validation import near, outside
+from .views import NAMES, View, ViewName, named_view, suggested_view
+from .volume import Volume
+
+if TYPE_CHECKING:
+    import pyvista as pv
+
+    Function: TypeAlias = TransferFunction | Colors | Sequence[Any]
+    # A string is a sequence, too: with Sequence a name with a slip would do.
+    CameraLike: TypeAlias = Camera | ViewName | list[Any] | tuple[Any, ...] | NDArray[Any] | pv.Camera | pv.Plotter
+    LightingLike: TypeAlias = Lighting | bool | Mode
+SUGGESTED = ("bands", "warm", "surfaces", "labels", "tissues", "deviation")
+# What is behind a volume where nothing at all was said of colours.
+BACKGROUND = "black"
+# Of a scan in Hounsfield units there is something below, unless it is cropped to soft tissue.
+AIR = -20
+
+
+class Look(NamedTuple):
+    """What a call asks for, in full."""
+
+    transfer_function: TransferFunction | None
+    camera: Camera
+    lighting: Lighting | None
+    shadows: ConvolutionShadows | None
+    background: Any
+
+
+class Call(NamedTuple):
+    """What a call says of its look, as it was given."""
+
+    transfer_function: Function | None = None
+    camera: CameraLike | None = None
+    opacity: Opacity | None = None
+    clim: Sequence[float] | float | None = None
+    lighting: LightingLike | None = None
+    shadows: ConvolutionShadows | bool | None = None
+    background: Any = None
+    segmentation: Segmentation | None = None
+    clip: Clip | Sequence[Clip] | None = None
+
+    def look(self, volume: Field, size: tuple[int, int]) -> Look:
+        """For a volume and so many pixels.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For what is no shorthand, naming the argument.
+        """
+        if not isinstance(self.segmentation, Segmentation | None):
+            kind = type(self.segmentation).__name__
+            raise TypeError(f"segmentation must be a Segmentation or None, got {kind}")
+        chosen: Suggestion | None = None
+        function: TransferFunction | None = None
+        if self.transfer_function is not None or self.segmentation is None:
+            function, chosen = function_of(self.transfer_function, volume, self.opacity, self.clim)
+            function = function.for_volume(volume)
+        shown: Any = function if self.segmentation is None else self.segmentation.for_volume(volume)
+        camera = camera_of(self.camera, volume, shown, size[0] / size[1], clip_list(self.clip))
+        lighting = lighting_of(self.lighting, chosen is not None and chosen.surfaces, camera)
+        background = BACKGROUND if self.background is None and chosen is not None else self.background
+        return Look(function, camera, lighting, shadows_of(self.shadows, lighting, camera), background)
+
+
+def function_of(
+    given: Function | None,
+    volume: Field,
+    opacity: Opacity | None = None,
+    clim: Sequence[float] | float | None = None,
+) -> tuple[TransferFunction, Suggestion | None]:
+    """The transfer function that is meant, and the suggestion it is from if opacities are not given.
+
+    Parameters
+    ----------
+    given
+        A transfer function; control points; a colour map, its name or a list of colours; the name of a preset, a
+        suggestion, or a .json file; None is the first suggestion.
+    opacity, clim
+        Those of a colour map, as of ``from_colormap``; by default opacities are suggested, and it spans the volume.
+    """
+    if isinstance(given, TransferFunction) or _are_points(given):
+        _refuse("opacity", opacity, "a transfer function has its own")
+        _refuse("clim", clim, "a transfer function has its own scalars")
+        return (given if isinstance(given, TransferFunction) else TransferFunction(given)), None  # type: ignore[arg-type]
+    if isinstance(given, str) and (given in PRESETS or given.lower().endswith(".json")):
+        _refuse("opacity", opacity, f"{given!r} has its own")
+        if given in PRESETS:
+            # Of a relative scale nothing but the data says what 1 is.
+            own = None if PRESETS[given].range == HOUNSFIELD else volume.range
+            if own is None and clim is None:
+                _doubt_hounsfield(given, volume)
+            name: Any = given
+            return TransferFunction.preset(name, own if clim is None else _limits(clim)), None
+        _refuse("clim", clim, f"{given!r} has its own scalars")
+        return TransferFunction.load(given), None
+    if given is None and opacity is None and clim is None:
+        chosen = _suggestion(volume)
+        return next(iter(chosen.functions.values())), chosen
+    if isinstance(given, str) and given in SUGGESTED:
+        chosen = _suggestion(volume)
+        _refuse("opacity", opacity, f"{given!r} has its own")
+        _refuse("clim", clim, f"{given!r} has its own scalars")
+        if given not in chosen.functions:
+            raise ValueError(
+                f"transfer_function must be one of {', '.join(chosen.functions)} for such data, got {given!r}"
+            )
+        return chosen.functions[given], chosen
+    colors: Any = "viridis" if given is None else given
+    limits = volume.range if clim is None else _limits(clim)
+    _check_colors(colors)
+    if opacity is not None:
+        if limits[0] == limits[1]:
+            raise ValueError(f"clim must be given for a volume whose samples are all {limits[0]:g}")
+        return TransferFunction.from_colormap(colors, limits, opacity, "pyvista"), None
+    chosen = _suggestion(volume)
+    return recolored(next(iter(chosen.functions.values())), colors, limits), chosen
+
+
+def _doubt_hounsfield(name: str, volume: Field) -> None:
+    """Warn where the samples cannot be in Hounsfield units: of air, -1000, and something."""
+    lo, hi = volume.range
+    if lo > AIR or hi < 0:
+        warnings.warn(
+            f"{name!r} is in Hounsfield units, air about -1000 and bone up to 2000, and the samples are from {lo:g} to "
+            f"{hi:g}: clim=(lo, hi) says which of them stand for -1000 and 2000",
+            stacklevel=outside(),
+        )
+
+
+def _refuse(name: str, value: Any, why: str) -> None:
+    if value is not None:
+        raise ValueError(f"{name} is for colour maps{' and presets' * (name == 'clim')}, {why}, got {value!r}")
+
+
+def _limits(clim: Any) -> tuple[float, float]:
+    if isinstance(clim, int | float):
+        return -float(clim), float(clim)
+    limits = np.asarray(clim, np.float64)
+    if limits.shape != (2,) or not limits[0] < limits[1] or not np.all(np.isfinite(limits)):
+        raise ValueError(f"clim must be (lo, hi) with lo < hi, or one number for (-n, n), got {clim!r}")
+    return float(limits[0]), float(limits[1])
+
+
+def _are_points(given: Any) -> bool:
+    """Whether it is a list of (scalar, colour, opacity), and not one of colours."""
+    if isinstance(given, str) or not isinstance(given, Sequence) or not given:
+        return False
+    return all(isinstance(p, Sequence) and len(p) == 3 and not isinstance(p[1], int | float | np.number) for p in given)
+
+
+def _check_colors(colors: Any) -> None:
+    """Say what names there are, of everything that a name may mean."""
+    import matplotlib
+
+    if isinstance(colors, str) and colors not in matplotlib.colormaps:
+        known = [*matplotlib.colormaps, *PRESETS, *SUGGESTED]
+        raise ValueError(
+            f"transfer_function must be a TransferFunction, control points, a Matplotlib colour map, a list of "
+            f"colours, a .json file or one of {', '.join((*PRESETS, *SUGGESTED))}, got {colors!r}{near(colors, known)}"
+        )
+    if not isinstance(colors, str | list | tuple | np.ndarray | matplotlib.colors.Colormap):
+        raise TypeError(
+            f"transfer_function must be a TransferFunction, control points, a colour map or a list of colours, got "
+            f"{type(colors).__name__}"
+        )
+
+
+def _suggestion(volume: Field) -> Suggestion:
+    if not isinstance(volume, Volume):
+        raise TypeError(
+            f"transfer_function must be given: a {type(volume).__name__} has no samples to suggest opacities from"
+        )
+    return suggestion(volume)
+
+
+def recolored(tf: TransferFunction, colors: Colors, limits: tuple[float, float]) -> TransferFunction:
+    """The same extinction in the colours of a colour map over ``limits``."""
+    rgb = entries(colors)
+    at = np.linspace(*limits, len(rgb))
+    inside = at[(at > tf.knots[0]) & (at < tf.knots[-1])]
+    added = np.setdiff1d(inside, tf.knots)
+    order = np.argsort(np.concatenate([tf.knots, added]), kind="stable")
+    knots = np.concatenate([tf.knots, added])[order]
+    opacity = np.concatenate([tf.opacities, -np.expm1(-tf.extinction(added))])[order]
+    painted = np.stack([np.interp(knots, at, channel) for channel in rgb.T], axis=-1)
+    return TransferFunction.from_arrays(knots, painted, opacity, tf.unit_distance)
+
+
+def camera_of(
+    given: CameraLike | None, volume: Field, shown: Showing, aspect: float, clips: Sequence[Clip] = ()
+) -> Camera:
+    """The camera that is meant.
+
+    Parameters
+    ----------
+    given
+        A camera of wvr or PyVista, a plotter; [position, focal point, up]; a direction from the volume towards the
+        camera, or the name of a view, with all that is visible in the frame; None is a view that suits the volume.
+    """
+    if isinstance(given, Camera):
+        return given
+    view: View | None = None
+    if given is None:
+        view = suggested_view(volume, shown)
+    elif isinstance(given, str):
+        if given not in NAMES:
+            raise ValueError(f"camera must be one of {', '.join(NAMES)}, got {given!r}{near(given, NAMES)}")
+        view = named_view(given, volume)
+    elif hasattr(given, "camera") or hasattr(given, "view_angle"):
+        return Camera.from_pyvista(given)
+    elif hasattr(given, "viewup"):
+        place: Any = given
+        return Camera(place.position, place.focal_point, place.viewup)
+    else:
+        try:
+            vectors = np.asarray(given, np.float64)
+        except (TypeError, ValueError):
+            vectors = np.empty(0)
+        if vectors.shape == (3, 3):
+            return Camera(*vectors)
+        if vectors.shape != (3,):
+            raise TypeError(
+                f"camera must be a Camera, a PyVista camera or plotter, [position, focal point, up], a direction "
+                f"(x, y, z), or one of {', '.join(NAMES)}, got {given!r}"
+            )
+        up = (0.0, 0.0, 1.0) if np.linalg.norm(vectors[:2]) > 1e-3 * abs(vectors[2]) else (0.0, 1.0, 0.0)
+        view = View(vectors, np.array(up))
+    return framed(visible_points(volume, shown, clips), *view, aspect=aspect)
+
+
+def lighting_of(given: LightingLike | None, surfaces: bool, camera: Camera) -> Lighting | None:
+    """The lighting that is meant: True is light from the upper left of the camera, None that where there are
+    ``surfaces``.
+    """
+    if isinstance(given, Lighting):
+        return given
+    if given is None or isinstance(given, bool | np.bool_):
+        return studio(camera) if given or (given is None and surfaces) else None
+    if isinstance(given, str) and given in get_args(Mode):
+        return Lighting(given)
+    raise TypeError(
+        f"lighting must be a Lighting, True, False or None, or one of its modes {', '.join(get_args(Mode))}, got "
+        f"{given!r}{near(given, get_args(Mode))}"
+    )
+
+
+def shadows_of(given: Any, lighting: Lighting | None, camera: Camera) -> ConvolutionShadows | None:
+    """The shadows that are meant: True is those of the lighting's first light, or of that from the upper left."""
+    if given is True:
+        return ConvolutionShadows(light=(studio(camera) if lighting is None else lighting).lights[0])
+    return None if given is False else given
+
+
+def studio(camera: Camera) -> Lighting:
+    """A light above the photographer's left shoulder, and a weak one at the camera."""
+    right, up, forward = camera.basis()
+    key = DirectionalLight(tuple((-forward + 0.8 * up - 0.6 * right).tolist()), (0.95, 0.95, 0.95))
+    return Lighting(light=(key, Headlight((0.3, 0.3, 0.3))), ambient=0.22, diffuse=0.78, specular=0.2)

@@ -1,0 +1,382 @@
+"""Many images: around a volume, through time, and into a movie."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera import Camera, image_size
+from .cuts.base import clip_list
+from .defaults import Call, lighting_of, shadows_of
+from .framing import framed, visible_points
+from .image import Image
+from .renderer import Renderer
+from .sources import as_volume
+from .validation import positive
+from .views import front_and_up
+from .volume import Volume
+
+SUFFIXES = (".mp4", ".gif")
+# What of a call of render says how it looks; a Renderer takes the rest.
+LOOK = ("opacity", "clim", "lighting", "shadows", "background", "segmentation")
+
+
+@overload
+def orbit(
+    data: Any, transfer_function: Any = ..., frames: int = ..., output: None = ..., **options: Any
+) -> Iterator[Image]: ...
+@overload
+def orbit(
+    data: Any, transfer_function: Any = ..., frames: int = ..., *, output: str | os.PathLike[str], **options: Any
+) -> Path: ...
+@overload
+def orbit(data: Any, transfer_function: Any, frames: int, output: str | os.PathLike[str], **options: Any) -> Path: ...
+def orbit(
+    data: Any,
+    transfer_function: Any = None,
+    frames: int = 120,
+    output: str | os.PathLike[str] | None = None,
+    *,
+    size: tuple[int, int] = (512, 512),
+    elevation: float = 20.0,
+    turn: float = 360.0,
+    fps: float = 30.0,
+    **options: Any,
+) -> Iterator[Image] | Path:
+    """Images from a way around a volume, or a movie of them.
+
+    Parameters
+    ----------
+    data, transfer_function
+        As of :func:`wvr.render`.
+    frames
+        How many, >= 1, equally spaced over the ``turn``.
+    output
+        ``.mp4`` (which needs the package imageio-ffmpeg), ``.gif``, or a folder of PNG files; see :func:`save_movie`.
+        By default there is no movie, and images are rendered as they are asked for.
+    size
+        (width, height) in pixels.
+    elevation
+        Of the camera above the horizon [degrees].
+    turn
+        How far it goes, counter-clockwise as seen from above [degrees].
+    fps
+        Images a second.
+    **options
+        Other keywords of :func:`wvr.render`: ``opacity``, ``lighting``, ``tolerance``, ... The distance is one from
+        which all that is visible is in all frames; light stays where the camera is.
+
+    Returns
+    -------
+    pathlib.Path or iterator of Image
+        Where the movie is, or the images.
+
+    Examples
+    --------
+    >>> import wvr
+    >>> [image.size for image in wvr.orbit(wvr.datasets.load("blobs", 16), frames=2, size=(8, 6))]
+    [(8, 6), (8, 6)]
+    """
+    if isinstance(frames, bool) or int(frames) != frames or frames < 1:
+        raise ValueError(f"frames must be an integer >= 1, got {frames!r}")
+    if output is not None:
+        _kind(output)
+        positive(fps, "fps")
+    size = image_size(size)
+    volume = as_volume(data)
+    call, rest = _split(transfer_function, options)
+    if "camera" in rest:
+        raise TypeError("camera is what orbit chooses: give elevation and turn")
+    look = call._replace(camera="iso").look(volume, size)
+    tf = look.transfer_function
+    shown = tf if call.segmentation is None else call.segmentation
+    points = visible_points(volume, shown, clip_list(rest.get("clip")))
+    if not -90 < elevation < 90:
+        raise ValueError(f"elevation must be in (-90, 90) degrees, got {elevation!r}")
+    cameras = _around(points, volume, frames, elevation, turn, size[0] / size[1])
+    renderer = Renderer(volume, tf, background=look.background, segmentation=call.segmentation, **rest)
+
+    def images() -> Iterator[Image]:
+        for camera in cameras:
+            renderer.lighting = lighting_of(call.lighting, look.lighting is not None, camera)
+            renderer.shadows = shadows_of(call.shadows, renderer.lighting, camera)
+            yield renderer.render(camera, size)
+
+    if output is None:
+        return images()
+    return save_movie(images(), output, fps, frames)
+
+
+def _around(
+    points: NDArray[np.float64], volume: Any, frames: int, elevation: float, turn: float, aspect: float
+) -> list[Camera]:
+    """Cameras at one distance, on which all points are in all frames."""
+    front, up = front_and_up(volume)
+    above = np.radians(elevation)
+    directions = []
+    for n in range(frames):
+        around = np.radians(turn) * n / frames
+        level = np.cos(around) * front + np.sin(around) * np.cross(up, front)
+        directions.append(np.cos(above) * level + np.sin(above) * up)
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    distance = 0.0
+    for direction in directions[:: max(1, frames // 36)]:
+        # Mirrored at the middle as well, so that the nearest camera is right in front of it.
+        camera = framed(np.concatenate([points, 2 * middle - points]), direction, up, aspect=aspect)
+        distance = max(distance, float(np.linalg.norm(camera.position - middle)))
+    return [Camera(middle + distance * direction, middle, up) for direction in directions]
+
+
+@overload
+def time_series(
+    data: Any, transfer_function: Any = ..., camera: Any = ..., *, output: None = ..., **options: Any
+) -> Iterator[Image]: ...
+@overload
+def time_series(
+    data: Any, transfer_function: Any = ..., camera: Any = ..., *, output: str | os.PathLike[str], **options: Any
+) -> Path: ...
+def time_series(
+    data: Any,
+    transfer_function: Any = None,
+    camera: Any = None,
+    *,
+    size: tuple[int, int] = (512, 512),
+    output: str | os.PathLike[str] | None = None,
+    fps: float = 10.0,
+    **options: Any,
+) -> Iterator[Image] | Path:
+    """Images of a volume that changes, all in the same colours from the same camera, or a movie of them.
+
+    Parameters
+    ----------
+    data
+        A sequence of what :func:`wvr.render` takes (volumes, paths, arrays), such as ``sorted(folder.glob("*.nrrd"))``;
+        an array with four axes, [t, z, y, x]; or an xarray ``DataArray`` with a dimension named time or t. All must
+        have the shape of the first. They are read one after the other.
+    transfer_function, camera
+        As of :func:`wvr.render`. By default both are suggested for the first volume; a colour map spans the first
+        volume's range unless ``clim`` says otherwise.
+    size
+        (width, height) in pixels.
+    output, fps
+        As of :func:`orbit`.
+    **options
+        Other keywords of :func:`wvr.render`.
+    """
+    if output is not None:
+        _kind(output)
+        positive(fps, "fps")
+    size = image_size(size)
+    moments, count = _moments(data)
+    try:
+        first = next(moments)
+    except StopIteration:
+        raise ValueError("data must have at least one volume, got none") from None
+    call, rest = _split(transfer_function, options)
+    look = call._replace(camera=camera).look(first, size)
+    renderer = Renderer(
+        first,
+        look.transfer_function,
+        lighting=look.lighting,
+        shadows=look.shadows,
+        background=look.background,
+        segmentation=call.segmentation,
+        **rest,
+    )
+
+    def images() -> Iterator[Image]:
+        for volume in chain([first], moments):
+            if volume.shape != first.shape:
+                raise ValueError(f"volumes of a time series must have one shape, got {first.shape} and {volume.shape}")
+            renderer.volume = volume
+            yield renderer.render(look.camera, size)
+
+    if output is None:
+        return images()
+    return save_movie(images(), output, fps, count)
+
+
+def _moments(data: Any) -> tuple[Iterator[Volume], int | None]:
+    """The volumes one after the other, and how many they are if that is known."""
+    if hasattr(data, "dims") and hasattr(data, "isel"):
+        name = next((dim for dim in data.dims if str(dim).lower() in ("time", "t")), None)
+        if name is None:
+            raise ValueError(f"data must have a dimension named time or t, got {tuple(data.dims)}")
+        return (as_volume(data.isel({name: n})) for n in range(data.sizes[name])), int(data.sizes[name])
+    if hasattr(data, "ndim"):
+        if data.ndim != 4:
+            raise ValueError(f"data must be an array of four axes [t, z, y, x], got shape {tuple(data.shape)}")
+        return (as_volume(data[n]) for n in range(len(data))), len(data)
+    if isinstance(data, str | os.PathLike) or not isinstance(data, Iterable):
+        raise TypeError(f"data must be a sequence of volumes, paths or arrays, or an array [t, z, y, x], got {data!r}")
+    return (as_volume(one) for one in data), len(data) if isinstance(data, Sequence) else None
+
+
+def _split(transfer_function: Any, options: dict[str, Any]) -> tuple[Call, dict[str, Any]]:
+    """What says how it looks, and what a renderer is made with."""
+    look = {name: options[name] for name in LOOK if name in options}
+    return Call(transfer_function, **look), {name: options[name] for name in options if name not in LOOK}
+
+
+def save_movie(
+    images: Iterable[Image], path: str | os.PathLike[str], fps: float = 30.0, count: int | None = None
+) -> Path:
+    """Write images as a movie; it appears whole or not at all.
+
+    Parameters
+    ----------
+    images
+        All of one size; an iterator is asked for one after the other. Each is put in front of its own background, or
+        of white. They may also be uint8 arrays (height, width, 3).
+    path
+        ``.mp4``, H.264 in 8-bit sRGB with an edge repeated where width or height is odd, which needs the package
+        imageio-ffmpeg (``pip install "wvr[movies]"``); ``.gif``; or a name without extension, or ending in ``/``: a
+        folder that must not exist or be empty, of files 0000.png, 0001.png, ...
+    fps
+        Images a second, > 0. A GIF counts in hundredths of a second.
+    count
+        How many there will be, for the progress that terminals show; by default what ``len`` says.
+
+    Returns
+    -------
+    pathlib.Path
+        That of the movie.
+
+    Raises
+    ------
+    ValueError
+        For another extension, no images, images of several sizes, or a folder with something in it.
+    ImportError
+        Where imageio-ffmpeg is missing.
+    OSError
+        Where the movie cannot be written.
+    """
+    kind, target = _kind(path), Path(path)
+    positive(fps, "fps")
+    if count is None and isinstance(images, Sequence):
+        count = len(images)
+    pixels = _of_one_size(_progress(images, count))
+    try:
+        first = next(pixels)
+    except StopIteration:
+        raise ValueError("images must be at least one, got none") from None
+    parent = target.parent
+    if not parent.is_dir():
+        raise FileNotFoundError(f"path must be in a folder that exists, got {str(target)!r}")
+    with tempfile.TemporaryDirectory(prefix=".wvr-", dir=parent) as folder:
+        made = Path(folder) / ("movie" + kind)
+        WRITERS[kind](chain([first], pixels), made, float(fps))
+        if kind == "":
+            if target.is_dir():
+                target.rmdir()
+            made.chmod(0o777 & ~_umask())
+            shutil.move(made, target)
+        else:
+            os.replace(made, target)
+    return target
+
+
+def _kind(path: str | os.PathLike[str]) -> str:
+    suffix = Path(path).suffix.lower()
+    folder = str(path).endswith(("/", os.sep)) or suffix == ""
+    if not folder and suffix not in SUFFIXES:
+        raise ValueError(
+            f"output must end in {', '.join(SUFFIXES)}, or be a folder (a name ending in /), got {str(path)!r}"
+        )
+    if folder and Path(path).exists() and (not Path(path).is_dir() or any(Path(path).iterdir())):
+        raise ValueError(f"output must be a new or empty folder, got {str(path)!r}")
+    if suffix == ".mp4" and not folder:
+        _ffmpeg()
+    return "" if folder else suffix
+
+
+def _ffmpeg() -> Any:
+    try:
+        import imageio_ffmpeg
+    except ImportError:
+        raise ImportError(
+            'an .mp4 needs the package imageio-ffmpeg: pip install "wvr[movies]"; .gif and folders need nothing'
+        ) from None
+    return imageio_ffmpeg
+
+
+def _of_one_size(images: Iterable[Any]) -> Iterator[NDArray[np.uint8]]:
+    size = None
+    for image in images:
+        pixels = image
+        if isinstance(image, Image):
+            pixels = image.to_uint8("white" if image.background in (None, "transparent") else None)
+        pixels = np.asarray(pixels)
+        if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3:
+            raise TypeError(f"images must be wvr.Image or uint8 (height, width, 3), got {pixels.dtype} {pixels.shape}")
+        if size not in (None, pixels.shape):
+            raise ValueError(f"images must have one size, got {size[1::-1]} and {pixels.shape[1::-1]}")
+        size = pixels.shape
+        yield pixels
+
+
+def _progress(images: Iterable[Any], count: int | None) -> Iterator[Any]:
+    """The same, shown on stderr where that is a terminal or a notebook."""
+    from rich.console import Console
+    from rich.progress import track
+
+    console = Console(stderr=True)
+    if not (console.is_terminal or console.is_jupyter):
+        return iter(images)
+    return iter(track(images, "rendering", total=count, console=console, transient=True))
+
+
+def _write_mp4(frames: Iterator[NDArray[np.uint8]], path: Path, fps: float) -> None:
+    first = next(frames)
+    height, width = first.shape[0] + first.shape[0] % 2, first.shape[1] + first.shape[1] % 2
+    # Few errors, and colours at every pixel are halved only in chroma, as players expect.
+    writer = _ffmpeg().write_frames(
+        str(path), (width, height), fps=fps, codec="libx264", quality=None, macro_block_size=1,
+        output_params=["-crf", "16", "-preset", "medium"],
+    )  # fmt: skip
+    writer.send(None)
+    try:
+        for frame in chain([first], frames):
+            padded = np.pad(frame, [(0, height - frame.shape[0]), (0, width - frame.shape[1]), (0, 0)], "edge")
+            writer.send(np.ascontiguousarray(padded))
+    finally:
+        writer.close()
+    if not path.exists():
+        raise OSError(f"ffmpeg wrote no movie of {width} x {height} pixels")
+
+
+def _write_gif(frames: Iterator[NDArray[np.uint8]], path: Path, fps: float) -> None:
+    from PIL import Image as PillowImage
+
+    pictures = (PillowImage.fromarray(frame).quantize(256, dither=PillowImage.Dither.NONE) for frame in frames)
+    first = next(pictures)
+    with path.open("wb") as file:
+        first.save(
+            file, "GIF", save_all=True, append_images=pictures, duration=max(20, round(1000 / fps)), loop=0, disposal=1
+        )
+
+
+def _write_folder(frames: Iterator[NDArray[np.uint8]], path: Path, fps: float) -> None:
+    from .image import _write_png
+
+    path.mkdir()
+    for number, frame in enumerate(frames):
+        with (path / f"{number:04d}.png").open("wb") as file:
+            _write_png(file, frame)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+WRITERS = {".mp4": _write_mp4, ".gif": _write_gif, "": _write_folder}

@@ -1,0 +1,65 @@
+"""Compiles kernels before they are needed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from .integrators import Integrator
+from .light.lighting import Lighting
+from .light.shadows import ConvolutionShadows
+from .renderer import render
+from .transfer_function import TransferFunction
+from .volume import Volume
+
+
+def warm_up(
+    lighting: bool | Lighting | Sequence[bool | Lighting] = (True, False),
+    shadows: bool | ConvolutionShadows = False,
+    *,
+    dtype: DTypeLike | Sequence[DTypeLike] = ("uint8", "int16", "float32"),
+    integrator: Integrator | None = None,
+    device: Any = None,
+    **options: Any,
+) -> list[str]:
+    """Compile what will be needed, so that the first image does not wait for it.
+
+    Kernels stay in Warp's cache (``warp.config.kernel_cache_dir``) until wvr or Warp changes: once on each machine, as
+    after an installation or when a container is built.
+
+    Parameters
+    ----------
+    lighting
+        Lit (True, or a :class:`Lighting` whose mode matters) and not lit; by default both.
+    shadows
+        With shadows (True, or a :class:`ConvolutionShadows`); by default none.
+    dtype
+        Of samples, one or several; by default those of most scans and simulations.
+    integrator
+        By default that of :func:`wvr.render`.
+    device
+        Warp device; by default as for :func:`wvr.render`.
+    **options
+        Other keywords of :func:`wvr.render` that a kernel is made for: ``clip``, ``precision``, ``segmentation``...
+
+    Returns
+    -------
+    list of str
+        What is compiled now, a line a combination.
+    """
+    lit = [lighting] if isinstance(lighting, bool | Lighting) else list(lighting)
+    dtypes = [dtype] if isinstance(dtype, str | type | np.dtype) else list(dtype)  # type: ignore[arg-type]
+    shade = ConvolutionShadows() if shadows is True else shadows or None
+    samples = np.linspace(0, 100, 6**3).reshape(6, 6, 6)
+    tf = TransferFunction([(0, "black", 0.0), (30, "red", 0.0), (100, "white", 0.5)])
+    done = []
+    for given in dtypes:
+        kind = np.dtype(given)
+        for light in lit:
+            scene = {"lighting": light, "shadows": shade, "integrator": integrator, "device": device}
+            render(Volume(samples.astype(kind)), tf, "iso", (16, 16), **(scene | options))
+            done.append(f"{kind}, {'lit' if light else 'not lit'}{', with shadows' if shade else ''}")
+    return done
