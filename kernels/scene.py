@@ -35,6 +35,7 @@ class Halves:
     march: Any
     cuts: Cuts = dataclasses.field(default_factory=Cuts)
     light: Lit | None = None
+    vectors: bool = False  # there are vectors to compute with, as clang has them
     traced: bool = False  # the steps of a ray are written down, by a march that has them
 
     @property

@@ -247,6 +247,37 @@ def test_cells_that_a_clip_leaves_nothing_of(trial):
     assert_bounded(volume, tf, camera, clip=wvr.ClipBox(lo, hi, invert=bool(trial % 2)))
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_rays_in_the_upper_face_of_the_box(axis):
+    """Past empty blocks, where there are as many cells as whole blocks have, or not."""
+    for n in (12, 13):
+        along = (axis + 1) % 3
+        shape = np.full(3, n)
+        shape[along] = 21
+        samples = np.zeros(shape)  # [x, y, z]
+        across = np.moveaxis(samples, (axis, along), (0, 1))
+        across[-1, 12:] = across[0, :2] = 200
+        volume = wvr.Volume(samples.T.copy())
+        tf = wvr.TransferFunction([(0, "red", 0), (100, "red", 0), (255, "red", 0.5)])
+        middle = np.full(3, 6.0)
+        middle[axis], middle[along] = n - 1, 10
+        up = np.eye(3)[(axis + 2) % 3]
+        camera = wvr.Camera(middle - 40 * np.eye(3)[along], middle, up=up, parallel_scale=1)
+        images = [
+            wvr.render(volume, tf, camera, (3, 3), skip_empty=skip, **how).rgba[1, 1]
+            for skip in (True, False)
+            for how in (
+                {"integrator": EXACT},
+                {"tolerance": 1e-3},
+                {"tolerance": 1e-5},
+                {"integrator": wvr.Riemann(0.5)},
+            )
+        ]
+        assert images[0][3] > 0.9
+        assert np.abs(np.array(images) - images[4]).max() < 0.05
+        assert np.abs(images[0] - images[4]).max() < 1e-12
+
+
 def test_the_longest_ray_of_a_sheared_box():
     direction = np.array([[1, -1, 0], [0, 0.05, 0], [0, 0, 1.0]])
     volume = wvr.Volume(np.full((3, 12, 12), 0.5), spacing=(1, 1, 0.05), direction=direction)

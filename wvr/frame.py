@@ -127,7 +127,7 @@ class Frame:
         )
         lighting = scene.lighting
         light = None if lighting is None else lighting.half(scene, scene.integrator.segments)
-        return Halves(real, scene.volume.half, march, cuts, light)
+        return Halves(real, scene.volume.half, march, cuts, light, self.device.is_cpu)
 
     def struct(self, halves: Halves, sweep: Sweeping | None = None) -> tuple[Any, Seen]:
         """The scene's struct for a kernel of these halves, filled, and what there is to see; for the integrator, or a

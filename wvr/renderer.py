@@ -106,8 +106,8 @@ class Renderer:
 
         Of the volume: ``"volume"`` (brought to the device), ``"ranges"`` (of blocks of cells), ``"bends"``. Of the
         transfer function: ``"transfer"``, ``"table"``, ``"simplified"``. Of both: ``"kinds"`` (which blocks and cells
-        there is something to see in), ``"distances"``. Of clip volumes: ``"clips"``; of labels: ``"labels"``. Where
-        blocks are not known or not skipped, ``"everything"``.
+        there is something to see in), ``"distances"``, ``"octants"``, ``"rows"``. Of clip volumes: ``"clips"``; of
+        labels: ``"labels"``. Where blocks are not known or not skipped, ``"everything"``.
         """
         return sum((keep.builds for keep in self._keepers.values()), Counter())
 
@@ -232,7 +232,8 @@ def render(
     precision
         ``"auto"`` (float32), ``"float32"`` or ``"float64"``: that of everything along a ray but the sums, which are
         always float64, and that of the image. ``Exact`` is float64 whatever is given; ``Certified`` computes in float64
-        and rounds the image, with ``"auto"`` only where the tolerance allows it.
+        but for cells whose bound allows less, in float32 images; with ``"auto"`` images are float32 where the tolerance
+        allows it, and with ``"float64"`` all is in float64.
     device
         Warp device; by default CUDA where there is one, else the CPU.
     termination

@@ -82,6 +82,7 @@ def make_walk(real):
         direction: vec3
         anchor: vec3  # the ray is at a face at (face - anchor) inverse, never along an axis without faces to cross
         inverse: vec3
+        last: wp.vec3i  # cell of the grid
         cell: wp.vec3i
         t: real
         out: real  # where it leaves the grid: computed as all faces are, so that no index is beyond the grid before
@@ -91,6 +92,7 @@ def make_walk(real):
         w = Walk()
         w.origin = origin
         w.direction = direction
+        w.last = last
         w.t = t
         w.out = real(far)
         for a in range(3):
@@ -131,10 +133,11 @@ def make_walk(real):
         end = wp.where(tz < end, tz, end)
         t = wp.where(end > w.t, end, w.t)
         w.t = t
+        # A ray in the box's upper face stays in the last cell.
         w.cell = wp.vec3i(
-            landed(i, ex, tx <= t, v[0], o[0] + t * d[0]),
-            landed(j, ey, ty <= t, v[1], o[1] + t * d[1]),
-            landed(k, ez, tz <= t, v[2], o[2] + t * d[2]),
+            wp.min(landed(i, ex, tx <= t, v[0], o[0] + t * d[0]), w.last[0]),
+            wp.min(landed(j, ey, ty <= t, v[1], o[1] + t * d[1]), w.last[1]),
+            wp.min(landed(k, ez, tz <= t, v[2], o[2] + t * d[2]), w.last[2]),
         )
         return w
 

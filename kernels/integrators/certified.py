@@ -18,7 +18,9 @@ from ..field.walk import PACKET, lanes, make_gather, make_walk
 from ..light.points import make_shading
 from ..ray import FAR, inside
 from ..transfer.function import make_transfer
+from ..transfer.rows import Rows
 from .cubics import Cubic, from_start, make_cubics, make_shone
+from .packed import make_packed
 from .pieces import VALUE, make_jumps, make_pieces
 from .series import closer, make_series
 
@@ -39,6 +41,10 @@ class Certificate:
     blur: wp.float64  # the same of any cell
     local: bool  # cells differ much in it
     nodes: wp.array(dtype=wp.vec2d)  # of ``pieces.NODES``
+    cell: wp.float64  # of a cell in single precision, in parts of its opacity,
+    along: wp.float64  # and of its length
+    rows: Rows
+    octants: wp.array4d(dtype=wp.uint8)  # of ``field.strides``
 
 
 @dataclass(frozen=True)
@@ -46,6 +52,8 @@ class Half:
     """The device half of certified integration."""
 
     sharp: bool  # what rounding of a scalar does counts piece by piece: there are jumps, or slopes are steep
+    single: bool = False  # rounding to single precision is little beside the tolerance
+    ticks: bool = False  # so are times along a ray as of ``field.strides``
     bounded = True
     tabled = False
 
@@ -53,6 +61,8 @@ class Half:
         return Certificate
 
     def march(self, halves):
+        if self.single and halves.vectors:
+            return make_packed(halves)
         return make_certified(halves)
 
     def edge(self, halves):

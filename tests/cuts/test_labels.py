@@ -141,8 +141,11 @@ def test_labels_that_look_alike_are_one_volume(device, integrator, blobs):
         segmentation=wvr.Segmentation(labels, {0: SMOOTH, 1: equal}, other=SMOOTH),
         device=device,
     )
-    assert max_error(segmented, plain.rgba) < 1e-6
-    if not isinstance(integrator, wvr.Certified):
+    if isinstance(integrator, wvr.Certified):
+        # Without labels most of it is in single precision.
+        assert np.all(np.abs(segmented.rgba - plain.rgba).max(axis=2) <= segmented.error_bound + plain.error_bound)
+    else:
+        assert max_error(segmented, plain.rgba) < 1e-6
         assert np.array_equal(segmented.samples, plain.samples)
 
 

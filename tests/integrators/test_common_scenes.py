@@ -89,8 +89,9 @@ def test_numbers_change_nothing(name, scene):
             # Entries 1/511 apart, among numbers that are 1.2e-4 apart.
             assert error.max() < 5e-3 and error.mean() < 2e-4, numbers
         else:
-            single = name not in ("Exact", "Certified") or how.get("dtype") == "float32"
-            assert error.max() < (1e-5 if single else 2e-9), numbers
+            # What is certified is measured in single precision, and cut where that is not good enough.
+            rounding = 2e-9 if name == "Exact" and how.get("dtype") != "float32" else 1e-5
+            assert error.max() < rounding, numbers
 
 
 @pytest.mark.parametrize("name", ["Exact", "Certified"])

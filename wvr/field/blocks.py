@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..keep import Keeper, Part
 from ..kernels.field.blocks import BITS, EMPTY, FAR, SEVERAL, Blocks, blocks, make_kinds, make_masks, make_ranges
+from ..kernels.field.strides import make_octants
 from ..launch import launch
 from ..transfer.function import struct_of
 from .base import Field
@@ -90,6 +91,20 @@ class Everything(Part):
         kinds.fill_(int(SEVERAL))
         masks.fill_(2**64 - 1)
         return Seen(kinds, masks, 0.0, *self.field.index_box)
+
+
+@dataclass(frozen=True)
+class Octants(Part):
+    """How far there is nothing to see, by the way that a ray goes: ``kernels.field.strides``."""
+
+    kinds: Part  # that has masks
+    name: ClassVar[str] = "octants"
+
+    def build(self, keep: Keeper) -> wp.array:
+        masks = keep(self.kinds).masks
+        result = keep.empty((8, *masks.shape), wp.uint8)
+        launch(make_octants, 8, [masks, result], keep.device)
+        return result
 
 
 def rows_of(blocks: wp.array) -> int:

@@ -1,9 +1,10 @@
 """Certified integration, and how it spends its tolerance: the one place where shares of it are set.
 
-Rounding comes first: of cuts at control points, of sums and of the image. What it leaves is shared out between what may
-lie behind the end of a ray (a quarter), the pieces of a ray in parts of the opacity that they add, which sums to one
-(a quarter for the series, a quarter for lines drawn too far), and the simpler transfer function (a quarter: colour,
-extinction in parts of itself, extinction times length).
+Rounding comes first: of cuts at control points, of sums, of times along a ray and of the image. What it leaves is
+shared out between what may lie behind the end of a ray (a quarter), the pieces of a ray in parts of the opacity that
+they add, which sums to one (a quarter for the series, a quarter for lines drawn too far), and the simpler transfer
+function (a quarter: colour, extinction in parts of itself, extinction times length). A cell in single precision has
+three eighths in parts of its opacity and an eighth in parts of its length in place of both quarters of pieces.
 """
 
 from __future__ import annotations
@@ -18,12 +19,14 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ..field.blocks import Octants
 from ..keep import Keeper
 from ..kernels.integrators.certified import Half
 from ..kernels.integrators.pieces import ACCURACY, NODES, VALUE
 from ..kernels.integrators.series import TRUNCATED
 from ..transfer.function import transfer_values
 from ..transfer.nodes import nodes_array
+from ..transfer.rows import FittedRows
 from ..transfer.simplify import SimplifiedTransfer
 from ..transfer_function import TransferFunction
 from ..validation import positive
@@ -46,10 +49,16 @@ COUNTED = 16
 # How far a ray may be from where it should be that a tolerance allows for [index coordinates]; an image counts what it
 # has.
 ASTRAY = 2.0**-36
+# Rounding of sums in single precision (docs/proof-single.md, S11), in the same parts, and the share of a tolerance that
+# it may be.
+SINGLE = 128 * 2.0**-24
+LITTLE = 1 / 8
 # Bounds are rounded up to float32 numbers.
 UP = 2.0**-22
 # Range of samples, in parts of that of control points, from which rounding is counted cell by cell.
 OUTLYING = 16
+# Samples along an axis that places of cells in single precision count.
+MOST = 2**20
 
 
 @dataclass(frozen=True)
@@ -65,6 +74,8 @@ class Budget:
     densest: float  # largest extinction of a unit of length
     slopes: float  # what a unit of the scalar changes along a ray, where that is counted for the whole ray
     sharp: bool  # rounding of the scalar counts piece by piece, else in ``rounding``
+    single: bool  # cells are measured in single precision
+    ticks: bool  # and when a ray enters them is counted in ticks
 
     @property
     def behind(self) -> float:
@@ -75,6 +86,16 @@ class Budget:
     def piece(self) -> float:
         """Of a piece's series, and of its line drawn too far, in parts of the opacity that it adds."""
         return self.rest / 4
+
+    @property
+    def cell(self) -> float:
+        """Of a cell in single precision, in parts of the opacity that it adds: in place of both shares of ``piece``."""
+        return 3 * self.rest / 8
+
+    @property
+    def along(self) -> float:
+        """And of its length."""
+        return self.rest / 8 / self.longest
 
     @property
     def color(self) -> float:
@@ -115,11 +136,12 @@ class Certified(Integrator):
     ``image.error_bound`` is the bound that each ray came to: what was left out behind the end of the ray, the simpler
     transfer function, the series, and rounding. It is at most the tolerance but for rays along which the scalar is that
     of a jump, so that rounding alone says on which side of it they are; ``image.stats["rays_over_tolerance"]`` counts
-    them. Sums are float64 whatever the image's precision. ``image.samples`` counts cells and pieces of cells.
-    ``termination``, where it is given, ends rays at that transparency instead, and the bound says what that costs.
-    A tolerance of less than 2.2 times what rounding comes to in any scene is refused, for a float32 or a float64 image;
-    with ``precision="auto"`` the image is float64 where rounding to float32 would take more than an eighth of the
-    tolerance.
+    them. Sums are float64 whatever the image's precision. Of float32 images most cells are computed in single precision
+    on a CPU, where a bound that counts all rounding allows it; float64 images have none of that. ``image.samples``
+    counts cells and pieces of cells. ``termination``, where it is given, ends rays at that transparency instead, and
+    the bound says what that costs. A tolerance of less than 2.2 times what rounding comes to in any scene is refused,
+    for a float32 or a float64 image; with ``precision="auto"`` the image is float64 where rounding to float32 would
+    take more than an eighth of the tolerance.
     """
 
     tolerance: float
@@ -162,12 +184,24 @@ class Certified(Integrator):
         gentle = inf if isinf(slopes) else 2 * (blurred + 3 * ASTRAY * np.ptp(scene.volume.range)) * slopes
         gentle += VALUE * brightest * densest * longest
         sharp = bool(gentle >= self.tolerance / 32)
-        rounding = least + (0.0 if sharp else gentle)
+        single = self._single(scene)
+        # What times in ticks come to (docs/proof-single.md, S12).
+        ticked = self.tolerance * 36 * max(scene.volume.shape) ** 2 * longest * 2.0**-51
+        ticks = single and not sharp and ticked <= LITTLE * self.tolerance
+        rounding = least + (0.0 if sharp else gentle) + single * SINGLE * brightest + ticks * ticked
         rest = self.tolerance * (1 - UP) - rounding
-        return Budget(rounding, least, rest, brightest, longest, blurred, densest, 0.0 if sharp else slopes, sharp)
+        slopes = 0.0 if sharp else slopes
+        return Budget(rounding, least, rest, brightest, longest, blurred, densest, slopes, sharp, single, ticks)
+
+    def _single(self, scene: Scene) -> bool:
+        """Whether most cells may be computed in single precision."""
+        plain = scene.lighting is None and scene.segmentation is None and hasattr(scene.volume.half, "cubics")
+        little = SINGLE * scene.brightest <= LITTLE * self.tolerance and self.shown(scene) == "float32"
+        return plain and little and max(scene.volume.shape) <= MOST
 
     def half(self, scene: Scene) -> Half:
-        return Half(self.budget(scene).sharp)
+        budget = self.budget(scene)
+        return Half(budget.sharp, budget.single, budget.ticks)
 
     def function(self, scene: Scene, tf: TransferFunction) -> SimplifiedTransfer:
         shares = self.budget(scene)
@@ -178,7 +212,7 @@ class Certified(Integrator):
         shares = self.budget(scene)
         points = [keep(self.function(scene, tf))[0] for tf in scene.functions]
         absolute = max(one.absolute for one in points)
-        return {
+        numbers = {
             "tolerance": shares.piece,
             "brightest": shares.brightest,
             "tinted": max(one.color + shares.brightest * one.relative for one in points),
@@ -191,7 +225,14 @@ class Certified(Integrator):
             "blur": shares.blur,
             "local": bool(np.ptp(scene.volume.range) > OUTLYING * max(np.ptp(tf.knots) for tf in scene.functions)),
             "nodes": nodes_array("float64", keep.device, NODES),
+            "cell": shares.cell,
+            "along": shares.along,
         }
+        if shares.single and keep.device.is_cpu:
+            low, high = np.array(scene.volume.range) - scene.shift
+            rows = FittedRows(self.function(scene, scene.functions[0]), float(low), float(high))
+            numbers |= {"rows": keep(rows), "octants": keep(Octants(scene.kinds()))}
+        return numbers
 
     def termination(self, scene: Scene) -> float:
         return self.budget(scene).behind

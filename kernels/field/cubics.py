@@ -1,0 +1,251 @@
+"""Cubics of many cells of a ray in single precision, and how far rounding takes the scalar from that of the field.
+
+In vectors, and the same in Warp for whoever reads, and for what has none. The numbers S1 to S3 are those of
+docs/proof-single.md.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from ..vectors import VECTORS
+from .samples import make_samples
+
+# Rounding of the scalar, in parts of the largest difference that a cell's corners are computed from, and of the
+# corner that they are counted from where that is rounded itself.
+U = 2.0**-24
+FIELD_ULPS = 256 * U
+CORNER_ULPS = 4 * U
+
+CUBICS = """
+const int64_t nx = field.data.shape[2], nxy = nx * field.data.shape[1];
+const auto* __restrict data = field.data.data;
+uint64_t* __restrict place = cells.data;
+double* __restrict start = times.data;
+double* __restrict stop = times.data + CELLS;
+const float d0 = (float)d[0], d1 = (float)d[1], d2 = (float)d[2];
+const int padded = (n + 15) & -16;
+for (int l = n; l < padded; ++l) {
+    place[l] = place[n - 1];
+    start[l] = stop[l] = stop[n - 1];
+}
+vf position[4][4];
+alignas(64) int64_t at[CELLS];
+STORE
+for (int u = 0; u < padded; u += 16) {
+    // Where cells are: in double, then relative to the cell's corner in single.
+    v8f p8[4][2];
+    for (int b = 0; b < 2; ++b) {
+        const vq q = *(const vq*)(place + u + 8 * b);
+        const vq kx = q & 0x1fffff, ky = (q >> 21) & 0x1fffff, kz = (q >> 42) & 0x1fffff;
+        *(vq*)(at + u + 8 * b) = kz * nxy + ky * nx + kx;
+        const vd t0 = *(const vd*)(start + u + 8 * b), t1 = *(const vd*)(stop + u + 8 * b);
+        const vd t = 0.5 * (t0 + t1);
+#define PART(k) __builtin_convertvector(__builtin_convertvector(k, v8i), vd)
+        p8[0][b] = __builtin_convertvector(t * d[0] + (origin[0] - PART(kx)), v8f);
+        p8[1][b] = __builtin_convertvector(t * d[1] + (origin[1] - PART(ky)), v8f);
+        p8[2][b] = __builtin_convertvector(t * d[2] + (origin[2] - PART(kz)), v8f);
+        p8[3][b] = __builtin_convertvector(0.5 * (t1 - t0), v8f);
+    }
+    for (int c = 0; c < 4; ++c) position[c][u >> 4] = JOIN(p8[c][0], p8[c][1]);
+}
+// Corners of all.
+for (int l = 0; l < padded; ++l) {
+    const auto* c = data + at[l];
+LOAD
+}
+for (int u = 0; u < padded; u += 16) {
+    const int i = u >> 4;
+    const vf fx = position[0][i], fy = position[1][i], fz = position[2][i], h = position[3][i];
+    // Relative to the first.
+CORNERS
+    const vf wide = MAX(
+        MAX(MAX(ABS(e010), ABS(e001)), MAX(ABS(e011), ABS(x00))), MAX(MAX(ABS(x10), ABS(x01)), ABS(x11)));
+    const vf xy0 = x10 - x00, xz0 = x01 - x00, xyz = (x11 - x01) - xy0;
+    const vf v00 = fx * x00, v01 = e001 + fx * x01, y0 = e010 + fx * x10 - v00, y1 = e011 + fx * x11 - v01;
+    const vf v0 = v00 + fy * y0, dz = v01 + fy * y1 - v0, xz = xz0 + fy * xyz, yz = y1 - y0;
+    const vf dx = x00 + fy * xy0 + fz * xz, dy = y0 + fz * yz, xy = xy0 + fz * xyz, hh = h * h;
+    const vf m2 = hh * (d0 * (d1 * xy + d2 * xz) + d1 * (d2 * yz));
+    float* out = cubic.data + u;
+    *(vf*)out = base;
+    *(vf*)(out + CELLS) = v0 + fz * dz + m2 * (1.0f / 3);
+    *(vf*)(out + 2 * CELLS) = h * (d0 * dx + d1 * dy + d2 * dz);
+    *(vf*)(out + 3 * CELLS) = m2;
+    *(vf*)(out + 4 * CELLS) = hh * h * (d0 * d1 * d2) * xyz;
+    *(vf*)(out + 5 * CELLS) = h;
+    *(vf*)(out + 6 * CELLS) = wide * (FIELD_ULPS) ROUNDED;
+}
+"""
+# Pairs of corners along x, two numbers in one.
+INTEGER = {
+    "STORE": "alignas(64) int pair[4][CELLS];",
+    "LOAD": """
+    PAIR p[4];
+    __builtin_memcpy(p, c, sizeof(PAIR));
+    __builtin_memcpy(p + 1, c + nx, sizeof(PAIR));
+    __builtin_memcpy(p + 2, c + nxy, sizeof(PAIR));
+    __builtin_memcpy(p + 3, c + nxy + nx, sizeof(PAIR));
+    for (int m = 0; m < 4; ++m) pair[m][l] = p[m];
+""",
+    "CORNERS": """
+#define NUMBER(a) __builtin_convertvector(a, vf)
+#define LOW(m) LOWER((*(const vi*)(pair[m] + u)))
+#define HIGH(m) UPPER((*(const vi*)(pair[m] + u)))
+    const vi c0 = LOW(0), c2 = LOW(1), c4 = LOW(2), c6 = LOW(3);
+    const vf base = NUMBER(c0), e010 = NUMBER(c2 - c0), e001 = NUMBER(c4 - c0), e011 = NUMBER(c6 - c0);
+    const vf x00 = NUMBER(HIGH(0) - c0), x10 = NUMBER(HIGH(1) - c2), x01 = NUMBER(HIGH(2) - c4);
+    const vf x11 = NUMBER(HIGH(3) - c6);
+""",
+}
+FLOATING = {
+    "STORE": "alignas(64) float pair[9][CELLS];",
+    "LOAD": """
+    const double c0 = double(c[0]), c2 = double(c[nx]), c4 = double(c[nxy]), c6 = double(c[nxy + nx]);
+    pair[0][l] = (float)(c0 - field.shift);
+    pair[8][l] = (double)pair[0][l] == c0 - field.shift ? 0.0f : CORNER_ULPS;
+    pair[1][l] = (float)(c2 - c0);
+    pair[2][l] = (float)(c4 - c0);
+    pair[3][l] = (float)(c6 - c0);
+    pair[4][l] = (float)(double(c[1]) - c0);
+    pair[5][l] = (float)(double(c[nx + 1]) - c2);
+    pair[6][l] = (float)(double(c[nxy + 1]) - c4);
+    pair[7][l] = (float)(double(c[nxy + nx + 1]) - c6);
+""",
+    "CORNERS": """
+#define CORNER(m) *(const vf*)(pair[m] + u)
+    const vf base = CORNER(0), e010 = CORNER(1), e001 = CORNER(2), e011 = CORNER(3);
+    const vf x00 = CORNER(4), x10 = CORNER(5), x01 = CORNER(6), x11 = CORNER(7);
+    const vf coarse = ABS(base) * CORNER(8);
+""",
+}
+# How two integers lie in a larger one: its type, and either of them.
+PAIRS = {
+    wp.uint8: ("uint16_t", "({} & 255)", "({} >> 8)"),
+    wp.int8: ("uint16_t", "(({} << 24) >> 24)", "(({} << 16) >> 24)"),
+    wp.uint16: ("int32_t", "({} & 65535)", "(({} >> 16) & 65535)"),
+    wp.int16: ("int32_t", "(({} << 16) >> 16)", "({} >> 16)"),
+}
+
+
+@cache
+def make_cubics(dtype, count):
+    """``cubics(field, origin, d, cells, times, n, cubic)``: of n of ``count`` cells, places with 21 bits an axis, that
+    the ray enters and leaves at ``times``. Rows of ``cubic`` are the corner that the scalar is counted from, the
+    scalar's mean from there, ``m1``, ``m2``, ``m3`` and half the length, of ``mean + m1 v + m2 (v^2 - 1/3) + m3 v^3``
+    with v in [-1, 1], and what rounding takes it away at most: 0 where all corners are equal, and exact.
+
+    Up to a multiple of sixteen, more of no length follow.
+    """
+    Field = make_samples(dtype)
+    integer = dtype in PAIRS
+    text = CUBICS.replace("ROUNDED", "" if integer else "+ coarse")
+    for name, code in (INTEGER if integer else FLOATING).items():
+        text = text.replace(name, code)
+    if integer:
+        kind, lower, upper = PAIRS[dtype]
+        text = text.replace("PAIR", kind)
+        text = f"#define LOWER(a) {lower.format('(a)')}\n#define UPPER(a) {upper.format('(a)')}\n{text}"
+    for name, value in {
+        "FIELD_ULPS": f"{FIELD_ULPS!r}f",
+        "CORNER_ULPS": f"{CORNER_ULPS!r}f",
+        "CELLS": str(count),
+    }.items():
+        text = text.replace(name, value)
+
+    @wp.func_native(VECTORS + text)
+    def cubics(
+        field: Field,
+        origin: wp.vec3d,
+        d: wp.vec3d,
+        cells: wp.array(dtype=wp.uint64),
+        times: wp.array2d(dtype=wp.float64),
+        n: int,
+        cubic: wp.array2d(dtype=wp.float32),
+    ): ...
+
+    return cubics
+
+
+@cache
+def make_cubics_one_by_one(dtype, count):
+    """The same, cell by cell."""
+    real = wp.float32
+    Field = make_samples(dtype)
+
+    @wp.func
+    def corner(field: Field, i: int, j: int, k: int):
+        return wp.float64(field.data[k, j, i])
+
+    @wp.func
+    def cubics(
+        field: Field,
+        origin: wp.vec3d,
+        d: wp.vec3d,
+        cells: wp.array(dtype=wp.uint64),
+        times: wp.array2d(dtype=wp.float64),
+        n: int,
+        cubic: wp.array2d(dtype=wp.float32),
+    ):
+        last = (n + 15) & ~15
+        for l in range(last):
+            place = cells[wp.min(l, n - 1)]
+            start = times[0, wp.min(l, n - 1)]
+            stop = times[1, wp.min(l, n - 1)]
+            if l >= n:
+                start = stop
+            i = int(place & wp.uint64(0x1FFFFF))
+            j = int((place >> wp.uint64(21)) & wp.uint64(0x1FFFFF))
+            k = int((place >> wp.uint64(42)) & wp.uint64(0x1FFFFF))
+            # Where it is: in double, then relative to the cell's corner in single (S1).
+            p = origin + wp.float64(0.5) * (start + stop) * d - wp.vec3d(wp.float64(i), wp.float64(j), wp.float64(k))
+            fx = real(p[0])
+            fy = real(p[1])
+            fz = real(p[2])
+            h = real(wp.float64(0.5) * (stop - start))
+            d0 = real(d[0])
+            d1 = real(d[1])
+            d2 = real(d[2])
+            # Corners, relative to the first.
+            c0 = corner(field, i, j, k)
+            c2 = corner(field, i, j + 1, k)
+            c4 = corner(field, i, j, k + 1)
+            c6 = corner(field, i, j + 1, k + 1)
+            base = real(c0 - field.shift)
+            e010 = real(c2 - c0)
+            e001 = real(c4 - c0)
+            e011 = real(c6 - c0)
+            x00 = real(corner(field, i + 1, j, k) - c0)
+            x10 = real(corner(field, i + 1, j + 1, k) - c2)
+            x01 = real(corner(field, i + 1, j, k + 1) - c4)
+            x11 = real(corner(field, i + 1, j + 1, k + 1) - c6)
+            wide = wp.max(
+                wp.max(wp.max(wp.abs(e010), wp.abs(e001)), wp.max(wp.abs(e011), wp.abs(x00))),
+                wp.max(wp.max(wp.abs(x10), wp.abs(x01)), wp.abs(x11)),
+            )
+            # The cubic (S2), and its rounding (S3).
+            xy0 = x10 - x00
+            xyz = (x11 - x01) - xy0
+            v00 = fx * x00
+            v01 = e001 + fx * x01
+            y0 = e010 + fx * x10 - v00
+            y1 = e011 + fx * x11 - v01
+            v0 = v00 + fy * y0
+            dz = v01 + fy * y1 - v0
+            xz = (x01 - x00) + fy * xyz
+            yz = y1 - y0
+            dx = x00 + fy * xy0 + fz * xz
+            dy = y0 + fz * yz
+            xy = xy0 + fz * xyz
+            m2 = h * h * (d0 * (d1 * xy + d2 * xz) + d1 * (d2 * yz))
+            blur = wide * real(wp.static(FIELD_ULPS))
+            if wp.float64(base) != c0 - field.shift:
+                blur += wp.abs(base) * real(wp.static(CORNER_ULPS))
+            cubic[0, l] = base
+            cubic[1, l] = v0 + fz * dz + m2 * real(wp.static(1.0 / 3.0))
+            cubic[2, l] = h * (d0 * dx + d1 * dy + d2 * dz)
+            cubic[3, l] = m2
+            cubic[4, l] = h * h * h * (d0 * d1 * d2) * xyz
+            cubic[5, l] = h
+            cubic[6, l] = blur
+
+    return cubics

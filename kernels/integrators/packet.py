@@ -1,0 +1,277 @@
+"""Cells of a ray sixteen at a time: in vectors what ``single`` says in Warp, and why it holds."""
+
+from functools import cache
+
+import warp as wp
+
+from ..field.blocks import Blocks
+from ..transfer.rows import Rows
+from ..vectors import VECTORS
+from . import single
+from .single import CELLS
+
+# Constants that a text has by their names.
+NAMES = ("OFFSET_ULPS", "SIGN_ULPS", "DEPTH_ULPS", "SERIES_ULPS", "WIDEST", "DEEPEST")
+
+FADING = """
+// exp(-y) of y >= 0 (S10).
+auto fading = [](vf y) -> vf {
+    const vf z = MAX(y * -1.44269504088896f, (vf){} - 115.0f);
+    const vf whole = z + 12582912.0f;
+    const vf r = (z - (whole - 12582912.0f)) * 0.693147180559945f;
+    vf p = r * (1.0f / 720) + (1.0f / 120);
+    p = p * r + (1.0f / 24);
+    p = p * r + (1.0f / 6);
+    p = p * r + 0.5f;
+    p = p * r + 1.0f;
+    p = p * r + 1.0f;
+    return (vf)((vi)p + ((vi)whole << 23));
+};
+"""
+
+MEASURE = (
+    VECTORS
+    + FADING
+    + """
+const float* __restrict table = rows.row.data;
+const int* __restrict bins = rows.bins.data;
+const double* __restrict knots = rows.knots.data;
+const int16_t* __restrict kinds = blocks.kinds.data;
+const uint64_t* __restrict place = cells.data;
+const int nbins = rows.bins.shape[0], levels = rows.levels, fitted = rows.fitted;
+const float share = spend[0], absolute = spend[1], bright = spend[2];
+const int padded = (n + 15) & -16;
+uint64_t bad = 0;
+int last = -1;
+for (int u = 0; u < padded; u += 16) {
+    const float* of = cubic.data + u;
+    const vf base = *(const vf*)of, mean = *(const vf*)(of + CELLS), m1 = *(const vf*)(of + 2 * CELLS);
+    const vf m2 = *(const vf*)(of + 3 * CELLS), m3 = *(const vf*)(of + 4 * CELLS), h = *(const vf*)(of + 5 * CELLS);
+    const vf blur = *(const vf*)(of + 6 * CELLS), L = h + h;
+    const vf R = ABS(m1) + ABS(m2) * (2.0f / 3) + ABS(m3), s = base + mean;
+    int* r = row.data + u;
+    float* out = found.data + u;
+    auto fit = [&]() -> vi {  // the smallest window that may hold the cell
+        const vi j = MIN((((vi)MAX((R + blur) * rows.least, zero + 1.0f) + 0x7fffff) >> 23) - 127, (vi){} + levels);
+        const vf q = MIN(MAX((s - rows.low) * rows.fine, zero), zero + (float)((1 << levels) - 1));
+        return fitted + ((2 << levels) - (((vi){} + (2 << levels)) >> j)) + (__builtin_convertvector(q, vi) >> j);
+    };
+    vf center, width, t0, t1, t2, dt, dc, steep;
+    auto spread = [&](const float* a) {
+        center = zero + a[0]; width = zero + a[1]; t0 = zero + a[2]; t1 = zero + a[3];
+        t2 = zero + a[4]; dt = zero + a[5]; dc = zero + a[6]; steep = zero + a[7];
+    };
+    auto fetch = [&]() {
+        v8f q[16];
+        vf a[8], b[8], c[8];
+        for (int l = 0; l < 16; ++l) q[l] = *(const v8f*)(table + 16 * (int64_t)r[l]);
+        for (int l = 0; l < 8; ++l) a[l] = JOIN(q[l], q[l + 8]);
+#define LO32(x, y) __builtin_shufflevector(x, y, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29)
+#define HI32(x, y) __builtin_shufflevector(x, y, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31)
+#define LO64(x, y) __builtin_shufflevector(x, y, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29)
+#define HI64(x, y) __builtin_shufflevector(x, y, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31)
+#define LO128(x, y) __builtin_shufflevector(x, y, 0, 1, 2, 3, 16, 17, 18, 19, 8, 9, 10, 11, 24, 25, 26, 27)
+#define HI128(x, y) __builtin_shufflevector(x, y, 4, 5, 6, 7, 20, 21, 22, 23, 12, 13, 14, 15, 28, 29, 30, 31)
+        for (int l = 0; l < 8; l += 2) {
+            b[l] = LO32(a[l], a[l + 1]);
+            b[l + 1] = HI32(a[l], a[l + 1]);
+        }
+        for (int l = 0; l < 8; l += 4) {
+            c[l] = LO64(b[l], b[l + 2]);
+            c[l + 1] = HI64(b[l], b[l + 2]);
+            c[l + 2] = LO64(b[l + 1], b[l + 3]);
+            c[l + 3] = HI64(b[l + 1], b[l + 3]);
+        }
+        center = LO128(c[0], c[4]); width = LO128(c[1], c[5]); t0 = LO128(c[2], c[6]); t1 = LO128(c[3], c[7]);
+        t2 = HI128(c[0], c[4]); dt = HI128(c[1], c[5]); dc = HI128(c[2], c[6]); steep = HI128(c[3], c[7]);
+    };
+    vf off, delta;
+    vi good;
+    // Whether rows hold all that cells see (S4).
+    auto holds = [&]() {
+        off = (base - center) + mean;
+        delta = blur + ABS(off) * (OFFSET_ULPS);
+        good = (ABS(off) + (R + delta) <= width) | !(h > 0.0f);
+    };
+    auto all = [](vi g) -> bool { return __builtin_reduce_and(g) != 0; };
+    bool held = false;
+    if (last >= 0) {  // as before
+        spread(table + 16 * (int64_t)last);
+        holds();
+        held = all(good);
+        *(vi*)r = (vi){} + last;
+    }
+    if (!held) {
+        // The interval of the middle, and where that ends too early a fitted row.
+        const vf q = MIN(MAX((s - rows.low) * rows.scale, zero), zero + (float)(nbins - 1));
+        *(vi*)r = __builtin_convertvector(q, vi);
+        for (int l = 0; l < 16; ++l) r[l] = bins[r[l]];
+        const bool same = all(*(vi*)r == r[0]);
+        if (same) spread(table + 16 * (int64_t)r[0]);
+        else fetch();
+        holds();
+        last = same && all(good) ? r[0] : -1;
+        if (!all(good)) {
+            *(vi*)r = good ? *(vi*)r : fit();
+            fetch();
+            holds();
+        }
+    }
+    for (bool again = true;; again = false) {
+        const vf ww = m1 * (m1 * (2.0f / 3) + m3 * 0.8f) + m2 * m2 * (8.0f / 45) + m3 * m3 * (2.0f / 7);
+        const vf vw = m1 * (2.0f / 3) + m3 * 0.4f, vww = m2 * (m1 * (16.0f / 45) + m3 * (32.0f / 105));
+        const vf wwW = m1 * m1 * (m1 * (2.0f / 15) + m3 * (22.0f / 105))
+            + m2 * m2 * (m1 * (8.0f / 135) + m3 * (8.0f / 189)) + m3 * m3 * (m1 * (38.0f / 315) + m3 * (2.0f / 77));
+        const vf slope = t1 + 2.0f * off * t2;
+        const vf x = MAX(L * (t0 + off * (t1 + off * t2) + t2 * (0.5f * ww)), zero);
+        const vf a = 0.5f * x, g = h * slope, ea = fading(a), aa = a * a;
+        const vf sinh = 1.0f + aa * (1.0f / 6 + aa * (1.0f / 120 + aa * (1.0f / 5040 + aa * (1.0f / 362880))));
+        const vf A = x < 2.0f ? x * ea * sinh : 1.0f - ea * ea;
+        const vf V = ea * (g * (ww + g * wwW - a * vww) - aa * vw);
+        // Behind the series (S5, S6).
+        const vf G = ABS(g) * R, Q = h * ABS(t2) * (R * R), P = G + Q, aP = a + P;
+        const vi straight = (t2 == 0.0f) & (G <= a * (1.0f + SIGN_ULPS));
+        const vf rest = straight ? MIN(aa * a * (1.0f / 3), A) : Q * (3.3f + 2.0f * aP) + 1.65f * (aP * aP * aP);
+        // And nothing may overflow (S9).
+        good &= (straight | (P < 0.5f)) & (R < WIDEST) & (a < DEEPEST);
+        // All that the cell is off by (S7, S8).
+        const vf size = ABS(t0) + ABS(off) * (ABS(t1) + ABS(off * t2)) + ABS(t2) * (R * R);
+        const vf rate = ABS(t1) + 2.0f * (ABS(off) + R) * ABS(t2);
+        const vf e = 1.00001f * (bright * L * (dt + rate * delta + (DEPTH_ULPS) * size) + A * (dc + steep * delta)
+            + steep * R * (rest + (SERIES_ULPS) * (h * rate * R + a)));
+        const vi none = !(h > 0.0f);
+        const vi fine = (good & (e <= share * A + absolute * L)) | none;
+        *(vf*)out = x;
+        *(vf*)(out + CELLS) = A;
+        *(vf*)(out + 2 * CELLS) = none ? zero : V;
+        *(vf*)(out + 3 * CELLS) = none ? zero : off;
+        *(vf*)(out + 4 * CELLS) = none ? zero : good ? e : zero + __builtin_inff();
+        if (all(fine)) break;
+        bool other = false;
+        if (again) {
+            // Of a block in one interval, or a cell of equal corners, all that is seen is in it (S4).
+            alignas(64) int sure[16];
+            *(vi*)sure = fine;
+            for (int l = 0; l < 16; ++l) {
+                if (sure[l]) continue;
+                const uint64_t q = place[u + l < n ? u + l : n - 1];
+                int k = kinds[((q >> 44) * blocks.kinds.shape[1] + ((q >> 23) & 0x7ffff)) * blocks.kinds.shape[2]
+                    + ((q >> 2) & 0x7ffff)];
+                if (k < 0) {
+                    if (of[6 * CELLS + l] != 0.0f) continue;
+                    k = r[l] < fitted ? r[l] : 0;
+                    while (k > 0 && of[l] < knots[k]) --k;
+                    while (k < fitted - 1 && of[l] >= knots[k + 1]) ++k;
+                }
+                other |= r[l] != k;
+                r[l] = k;
+                sure[l] = -1;
+            }
+            const vi window = *(vi*)sure;
+            if (other) {
+                fetch();
+                holds();
+                good |= window & (R == R);
+            }
+        }
+        if (other) continue;
+        for (int l = 0; l < 16; ++l) bad |= (uint64_t)(fine[l] == 0) << (u + l);
+        break;
+    }
+}
+return bad;
+"""
+)
+
+# Sixteen cells, behind those that ``sums`` has.
+COMPOSE = (
+    VECTORS
+    + FADING
+    + """
+const float* __restrict table = rows.row.data;
+const float* in = found.data + first;
+const int* r = row.data + first;
+const vf x = *(const vf*)in, A = *(const vf*)(in + CELLS), V = *(const vf*)(in + 2 * CELLS);
+const vf off = *(const vf*)(in + 3 * CELLS), e = *(const vf*)(in + 4 * CELLS);
+// Transparency before each: prefix sums of depth (S11).
+vf p = x;
+p += __builtin_shufflevector(p, zero, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14);
+p += __builtin_shufflevector(p, zero, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13);
+p += __builtin_shufflevector(p, zero, 16, 16, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11);
+p += __builtin_shufflevector(p, zero, 16, 16, 16, 16, 16, 16, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7);
+const vf T = fading(__builtin_shufflevector(p, zero, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14));
+auto sum = [](vf a) -> float {
+    const v8f b = __builtin_shufflevector(a, a, 0, 1, 2, 3, 4, 5, 6, 7)
+        + __builtin_shufflevector(a, a, 8, 9, 10, 11, 12, 13, 14, 15);
+    v4f c = __builtin_shufflevector(b, b, 0, 1, 2, 3) + __builtin_shufflevector(b, b, 4, 5, 6, 7);
+    c += __builtin_shufflevector(c, c, 2, 3, 0, 1);
+    return c[0] + c[1];
+};
+const vf TA = T * A, TV = T * V + TA * off;
+v4f color = {}, other = {};
+const vi k = *(const vi*)r;
+if (__builtin_reduce_and(k == k[0]) && k[0] >= 0) {
+    const float* a = table + 16 * (int64_t)k[0];
+    color = sum(TA) * *(const v4f*)(a + 8) + sum(TV) * *(const v4f*)(a + 12);
+} else {
+    alignas(64) float ta[16], tv[16], t[16];
+    *(vf*)ta = TA;
+    *(vf*)tv = TV;
+    *(vf*)t = T;
+    for (int l = 0; l < 16; l += 2) {
+        if (__builtin_expect((r[l] | r[l + 1]) >= 0, 1)) {
+            const float *a = table + 16 * (int64_t)r[l], *b = table + 16 * (int64_t)r[l + 1];
+            color += ta[l] * *(const v4f*)(a + 8) + tv[l] * *(const v4f*)(a + 12);
+            other += ta[l + 1] * *(const v4f*)(b + 8) + tv[l + 1] * *(const v4f*)(b + 12);
+        } else
+            for (int m = l; m < l + 2; ++m) {
+                const float* a = table + 16 * (int64_t)r[m];
+                // Of a cell that was cut, its colour is in place of what others have.
+                if (r[m] < 0) color += t[m] * (v4f){in[2 * CELLS + m], in[3 * CELLS + m], in[5 * CELLS + m], 0.0f};
+                else color += ta[m] * *(const v4f*)(a + 8) + tv[m] * *(const v4f*)(a + 12);
+            }
+    }
+    color += other;
+}
+double* total = sums.data;
+const double clear = 1.0 - total[3];
+for (int n = 0; n < 3; ++n) total[n] += clear * color[n];
+total[3] += clear * sum(TA);
+total[4] += clear * 1.00001f * sum(T * e);
+"""
+)
+
+
+def _filled(text):
+    """A text with the numbers of ``single``."""
+    for name in NAMES:
+        text = text.replace(name, f"{getattr(single, name)!r}f")
+    return text.replace("CELLS", str(CELLS))
+
+
+@cache
+def make_packet():
+    """``measure`` and ``compose`` as of ``single``."""
+
+    @wp.func_native(_filled(MEASURE))
+    def measure(
+        rows: Rows,
+        blocks: Blocks,
+        spend: wp.vec3,
+        cells: wp.array(dtype=wp.uint64),
+        n: int,
+        cubic: wp.array2d(dtype=wp.float32),
+        found: wp.array2d(dtype=wp.float32),
+        row: wp.array(dtype=int),
+    ) -> wp.uint64: ...
+
+    @wp.func_native(_filled(COMPOSE))
+    def compose(
+        rows: Rows,
+        found: wp.array2d(dtype=wp.float32),
+        row: wp.array(dtype=int),
+        first: int,
+        sums: wp.array(dtype=wp.float64),
+    ): ...
+
+    return measure, compose

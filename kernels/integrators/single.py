@@ -1,0 +1,206 @@
+"""A cell in single precision, and a bound on what it is off by: the numbers S1 to S9 are those of docs/proof-single.md.
+
+The scalar along the piece of ray in the cell is ``s(v) = center + off + w(v)``, v in [-1, 1] over its length L, with
+``w = m1 v + m2 (v^2 - 1/3) + m3 v^3``, |w| <= R, of mean zero. A row has extinction ``t0 + t1 q + t2 q^2`` and a linear
+colour at q from its center, and how far they are from those of the transfer function in its window. Of such a row the
+optical depth is exactly ``x = L (t0 + off (t1 + off t2) + t2 int w^2 / 2)``, and colour is that of the mean times the
+opacity and V times its slope, as in ``series``. All rounding is that of another scalar at most ``delta`` away, of
+another depth, or of V.
+
+``packet`` says the same in vectors; these are for whoever reads, and for what has none.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from ..field.blocks import Blocks
+from ..transfer.rows import Rows
+
+# Cells that are measured at a time, and composed at a time.
+CELLS = 64
+LANES = 16
+# Rounding, in parts of what is rounded: of the scalar from a row's center (S3), of an extinction that is nowhere
+# negative (S5), of depth (S7) and of V (S8).
+U = 2.0**-24
+OFFSET_ULPS = 6 * U
+SIGN_ULPS = 16 * U
+DEPTH_ULPS = 32 * U
+SERIES_ULPS = 32 * U
+# What is larger is left to double precision (S9).
+WIDEST = 1e12
+DEEPEST = 1e4
+
+
+@wp.struct
+class Measured:
+    """A cell by one row: depth, opacity, V, the mean from the row's center, the bound, and whether that will do."""
+
+    x: wp.float32
+    A: wp.float32
+    V: wp.float32
+    off: wp.float32
+    e: wp.float32
+    fine: bool
+
+
+@cache
+def make_single():
+    """``measure(rows, blocks, spend, cells, n, cubic, found, row)`` -> bits of those of n cells that are left to
+    others, and ``compose(rows, found, row, first, sums)``.
+
+    ``spend`` is what a cell may be off by, in parts of its opacity and of its length, and the brightest colour;
+    ``cells`` and ``cubic`` are as of ``field.cubics``. ``found`` has depth, opacity, V, off and the bound of each cell,
+    infinite where no row will do; ``row`` its row, or -1 for one that somebody else put there: its colour is in place
+    of V and off, and in the last row. ``sums`` are colour, opacity and bound of the ray, of which ``compose`` puts
+    ``LANES`` cells more behind what there is.
+    """
+    real = wp.float32
+
+    @wp.func
+    def by_row(rows: Rows, r: int, spend: wp.vec3, cubic: wp.array2d(dtype=real), l: int, sure: bool):
+        """What a row says of cell l; ``sure`` where it is known to hold all that is seen."""
+        m1 = cubic[2, l]
+        m2 = cubic[3, l]
+        m3 = cubic[4, l]
+        h = cubic[5, l]
+        R = wp.abs(m1) + wp.abs(m2) * real(wp.static(2.0 / 3.0)) + wp.abs(m3)
+        t0 = rows.row[r, 2]
+        t1 = rows.row[r, 3]
+        t2 = rows.row[r, 4]
+        off = (cubic[0, l] - rows.row[r, 0]) + cubic[1, l]
+        delta = cubic[6, l] + wp.abs(off) * real(wp.static(OFFSET_ULPS))
+        # The series.
+        ww = (
+            m1 * (m1 * real(wp.static(2.0 / 3.0)) + m3 * real(0.8))
+            + m2 * m2 * real(wp.static(8.0 / 45.0))
+            + m3 * m3 * real(wp.static(2.0 / 7.0))
+        )
+        vw = m1 * real(wp.static(2.0 / 3.0)) + m3 * real(0.4)
+        vww = m2 * (m1 * real(wp.static(16.0 / 45.0)) + m3 * real(wp.static(32.0 / 105.0)))
+        wwW = (
+            m1 * m1 * (m1 * real(wp.static(2.0 / 15.0)) + m3 * real(wp.static(22.0 / 105.0)))
+            + m2 * m2 * (m1 * real(wp.static(8.0 / 135.0)) + m3 * real(wp.static(8.0 / 189.0)))
+            + m3 * m3 * (m1 * real(wp.static(38.0 / 315.0)) + m3 * real(wp.static(2.0 / 77.0)))
+        )
+        L = h + h
+        x = wp.max(L * (t0 + off * (t1 + off * t2) + t2 * (real(0.5) * ww)), real(0.0))
+        a = real(0.5) * x
+        g = h * (t1 + real(2.0) * off * t2)
+        ea = wp.exp(-a)
+        A = wp.where(x < real(2.0), real(2.0) * ea * wp.sinh(a), real(1.0) - ea * ea)
+        # Behind the series (S5, S6), where nothing overflows (S9).
+        G = wp.abs(g) * R
+        Q = h * wp.abs(t2) * (R * R)
+        P = G + Q
+        good = sure or wp.abs(off) + (R + delta) <= rows.row[r, 1]
+        good = good and R < real(WIDEST) and a < real(DEEPEST)
+        rest = wp.min(a * a * a * real(wp.static(1.0 / 3.0)), A)
+        if t2 != real(0.0) or G > a * real(wp.static(1.0 + SIGN_ULPS)):
+            good = good and P < real(0.5)
+            rest = Q * (real(3.3) + real(2.0) * (a + P)) + real(1.65) * (a + P) * (a + P) * (a + P)
+        # All that the cell is off by (S7, S8).
+        size = wp.abs(t0) + wp.abs(off) * (wp.abs(t1) + wp.abs(off * t2)) + wp.abs(t2) * (R * R)
+        rate = wp.abs(t1) + real(2.0) * (wp.abs(off) + R) * wp.abs(t2)
+        steep = rows.row[r, 7]
+        result = Measured()
+        result.x = x
+        result.A = A
+        result.V = ea * (g * (ww + g * wwW - a * vww) - a * a * vw)
+        result.off = off
+        result.e = real(1.00001) * (
+            spend[2] * L * (rows.row[r, 5] + rate * delta + real(wp.static(DEPTH_ULPS)) * size)
+            + A * (rows.row[r, 6] + steep * delta)
+            + steep * R * (rest + real(wp.static(SERIES_ULPS)) * (h * rate * R + a))
+        )
+        if not good:
+            result.e = real(wp.inf)
+        result.fine = good and result.e <= spend[0] * A + spend[1] * L
+        return result
+
+    @wp.func
+    def measure(
+        rows: Rows,
+        blocks: Blocks,
+        spend: wp.vec3,
+        cells: wp.array(dtype=wp.uint64),
+        n: int,
+        cubic: wp.array2d(dtype=real),
+        found: wp.array2d(dtype=real),
+        row: wp.array(dtype=int),
+    ):
+        bad = wp.uint64(0)
+        last = (n + 15) & ~15
+        for l in range(last):
+            R = wp.abs(cubic[2, l]) + wp.abs(cubic[3, l]) * real(wp.static(2.0 / 3.0)) + wp.abs(cubic[4, l])
+            s = cubic[0, l] + cubic[1, l]
+            # The interval of the middle, and where that ends too early a fitted row, which hold all that is seen (S4).
+            r = int(0)
+            best = Measured()
+            best.e = real(wp.inf)
+            if cubic[5, l] <= real(0.0):
+                best = Measured()
+                best.fine = True
+            elif s - s == real(0.0) and R - R == real(0.0):
+                bin = wp.clamp((s - rows.low) * rows.scale, real(0.0), real(rows.bins.shape[0] - 1))
+                r = rows.bins[int(bin)]
+                off = (cubic[0, l] - rows.row[r, 0]) + cubic[1, l]
+                delta = cubic[6, l] + wp.abs(off) * real(wp.static(OFFSET_ULPS))
+                if wp.abs(off) + (R + delta) > rows.row[r, 1]:
+                    level = int(0)
+                    reach = (R + cubic[6, l]) * rows.least
+                    while level < rows.levels and reach > real(1.0):
+                        reach *= real(0.5)
+                        level += 1
+                    at = wp.clamp((s - rows.low) * rows.fine, real(0.0), real((1 << rows.levels) - 1))
+                    r = rows.fitted + ((2 << rows.levels) - ((2 << rows.levels) >> level)) + (int(at) >> level)
+                best = by_row(rows, r, spend, cubic, l, False)
+                # Of a block in one interval, or a cell of equal corners, all that is seen is in it.
+                place = cells[wp.min(l, n - 1)]
+                k = int(place >> wp.uint64(44))
+                j = int((place >> wp.uint64(23)) & wp.uint64(0x7FFFF))
+                i = int((place >> wp.uint64(2)) & wp.uint64(0x7FFFF))
+                kind = int(blocks.kinds[k, j, i])
+                if kind < 0 and cubic[6, l] == real(0.0):
+                    kind = int(0)
+                    while kind < rows.fitted - 1 and wp.float64(cubic[0, l]) >= rows.knots[kind + 1]:
+                        kind += 1
+                if not best.fine and kind >= 0 and kind != r:
+                    r = kind
+                    best = by_row(rows, r, spend, cubic, l, True)
+            row[l] = r
+            found[0, l] = best.x
+            found[1, l] = best.A
+            found[2, l] = best.V
+            found[3, l] = best.off
+            found[4, l] = best.e
+            if not best.fine:
+                bad |= wp.uint64(1) << wp.uint64(l)
+        return bad
+
+    @wp.func
+    def compose(
+        rows: Rows,
+        found: wp.array2d(dtype=wp.float32),
+        row: wp.array(dtype=int),
+        first: int,
+        sums: wp.array(dtype=wp.float64),
+    ):
+        clear = wp.float64(1.0) - sums[3]
+        depth = real(0.0)
+        for n in range(LANES):
+            l = first + n
+            T = clear * wp.float64(wp.exp(-depth))
+            TA = T * wp.float64(found[1, l])
+            TV = T * wp.float64(found[2, l]) + TA * wp.float64(found[3, l])
+            r = row[l]
+            for c in range(3):
+                if r >= 0:
+                    sums[c] += TA * wp.float64(rows.row[r, 8 + c]) + TV * wp.float64(rows.row[r, 12 + c])
+                else:
+                    sums[c] += T * wp.float64(found[wp.where(c < 2, c + 2, 5), l])
+            sums[3] += TA
+            sums[4] += T * wp.float64(found[4, l]) * wp.float64(1.00001)
+            depth += found[0, l]
+
+    return measure, compose

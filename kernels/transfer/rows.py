@@ -1,0 +1,18 @@
+"""Rows of a transfer function: a polynomial in a window of scalars, and how far it is off there."""
+
+import warp as wp
+
+
+@wp.struct
+class Rows:
+    """Rows of a transfer function, as of ``wvr.transfer.rows``: of its intervals, then fitted ones."""
+
+    row: wp.array2d(dtype=wp.float32)  # (n, 16)
+    knots: wp.array(dtype=wp.float64)  # where intervals begin, of the transfer function
+    bins: wp.array(dtype=int)  # of equal bins from ``low`` on, the interval of the middle
+    low: wp.float32
+    scale: wp.float32  # bins per scalar
+    fine: wp.float32  # narrowest windows per scalar
+    least: wp.float32  # one over the R that surely fits into a narrowest window
+    levels: int  # windows of level j are 2^j times as wide as the narrowest
+    fitted: int  # the first of them

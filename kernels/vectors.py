@@ -1,0 +1,20 @@
+"""Vectors of sixteen numbers as clang has them, which it cuts to the width that a processor has: text for snippets.
+
+Names are the function's own but for those of macros, which are the same wherever they are.
+"""
+
+VECTORS = """
+#pragma clang fp contract(fast)
+typedef float vf __attribute__((vector_size(64), aligned(4)));
+typedef int vi __attribute__((vector_size(64), aligned(4)));
+typedef float v4f __attribute__((vector_size(16), aligned(4)));
+typedef float v8f __attribute__((vector_size(32), aligned(4)));
+typedef int v8i __attribute__((vector_size(32), aligned(4)));
+typedef double vd __attribute__((vector_size(64), aligned(8)));
+typedef long long vq __attribute__((vector_size(64), aligned(8)));
+const vf zero = {};
+#define MAX __builtin_elementwise_max
+#define MIN __builtin_elementwise_min
+#define ABS(a) ((vf)((vi)(a) & 0x7fffffff))
+#define JOIN(a, b) __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15)
+"""

@@ -1,0 +1,367 @@
+"""Cells in single precision: rows, the vectors against what they say in Warp, and ticks against the walk."""
+
+import platform
+from functools import cache
+
+import numpy as np
+import pytest
+import warp as wp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import wvr
+from wvr.keep import Keeper
+from wvr.kernels.field.blocks import Blocks
+from wvr.kernels.field.grid import Grid
+from wvr.kernels.field.samples import make_samples
+from wvr.kernels.field.strides import make_gathered, make_octants, make_strides
+from wvr.kernels.integrators.packet import make_packet
+from wvr.kernels.integrators.single import CELLS, LANES, make_single
+from wvr.kernels.transfer.rows import Rows
+from wvr.launch import get_device
+from wvr.transfer.function import Transfer, struct_of, transfer_values
+from wvr.transfer.rows import rows
+
+from ..scenes import transfer_functions
+
+SHARE = (1e-3, 1e-5, 1.0)
+
+
+def evaluated(table, s):
+    """Extinction and colour of rows (n, 16) at scalars (n, m)."""
+    row = table.astype(float)
+    w = s - row[:, :1]
+    tau = row[:, 2:3] + w * (row[:, 3:4] + w * row[:, 4:5])
+    return tau, row[:, None, 8:11] + w[..., None] * row[:, None, 12:15]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_rows_deviate_by_no_more_than_they_say(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.choice([2, 3, 5, 20, 256]))
+    scale, offset = 10.0 ** rng.uniform(-6, 6), rng.choice([0, 1, 1e3])
+    knots = np.sort(rng.random(n))
+    if n > 3:
+        knots[1 : n // 3 + 1] = knots[1] + 10.0 ** -rng.uniform(1, 9) * np.sort(rng.random(n // 3))
+        knots = np.sort(knots)
+        knots[n // 2] = knots[n // 2 - 1]  # a jump
+    knots = (knots + offset) * scale
+    values = np.column_stack([rng.random((n, 3)), rng.random(n) ** 5 * 10.0 ** rng.uniform(-3, 3)])
+    values[rng.random(n) < 0.3, 3] = 0
+    low, high = np.sort(knots[0] + np.ptp(knots) * rng.uniform(-0.5, 1.5, 2))
+    table, bins, numbers = rows(knots, values, low, high)
+    assert table.dtype == np.float32 and np.all((bins >= 0) & (bins < numbers["fitted"]))
+    assert len(table) == numbers["fitted"] + 2 * 2 ** numbers["levels"] - 1 and numbers["fitted"] == n + 1
+    some = table[table[:, 1] > 0]
+    # In the window and at its ends; there a jump's value is that inside.
+    t = np.concatenate([[-1, 1], rng.uniform(-1, 1, 40)])
+    s = some[:, :1].astype(float) + some[:, 1:2].astype(float) * t
+    at = np.concatenate([values[:1], values, values[-1:]])
+    ends = np.concatenate([[-np.inf], knots, [np.inf]])
+    k = np.searchsorted(knots, s, "right")
+    width = np.where(np.isfinite(ends[k + 1] - ends[k]), ends[k + 1] - ends[k], 1.0)
+    f = np.where(np.isfinite(ends[k]) & np.isfinite(ends[k + 1]), (s - np.where(k > 0, ends[k], s)) / width, 0.0)
+    true = at[k] + f[..., None] * (at[k + 1] - at[k])
+    tau, color = evaluated(some, s)
+    slack = 1e-12 * (np.abs(some[:, 2:3]) + np.abs(some[:, 3:4]) * some[:, 1:2] + 1e-300)
+    assert np.all(np.abs(tau - true[..., 3]) <= some[:, 5:6] * (1 + 1e-6) + slack)
+    assert np.all(np.abs(color - true[..., :3]).max(-1) <= some[:, 6:7] * (1 + 1e-6) + 1e-12)
+    assert np.all(np.abs(some[:, 12:15]).max(axis=1) <= some[:, 7])
+
+
+def test_a_smooth_map_needs_few_rows():
+    """Half a window of the narrowest about each grey level deviates by little from 256 control points."""
+    x = np.arange(256.0)
+    t = np.clip((x - 90) / 165, 0, 1)
+    values = np.column_stack([x / 255, x / 255, x / 255, 0.05 * t * t * (3 - 2 * t)])
+    table, _, numbers = rows(x, values, 0.0, 255.0)
+    level = table[numbers["fitted"] + 2 ** (numbers["levels"] + 1) - 2 ** (numbers["levels"] - 3) :][:16]
+    assert np.all(level[:, 1] > 15)
+    assert level[2:-2, 5].max() < 5e-4 and level[2:-2, 6].max() < 1e-6
+
+
+@cache
+def kernel(vectors, dtype, flags=None):
+    """Measures the cells, then composes those that it may."""
+    cubics = Grid(dtype, False).cubics(vectors, CELLS)
+    measure, compose = make_packet() if vectors else make_single()
+    Field = make_samples(dtype)
+
+    @wp.kernel(enable_backward=False, module="unique", module_options={"cpu_compiler_flags": flags})
+    def measured(
+        field: Field,
+        blocks: Blocks,
+        rows: Rows,
+        spend: wp.vec3,
+        origin: wp.vec3d,
+        d: wp.vec3d,
+        cells: wp.array(dtype=wp.uint64),
+        times: wp.array2d(dtype=wp.float64),
+        n: int,
+        cubic: wp.array2d(dtype=wp.float32),
+        found: wp.array2d(dtype=wp.float32),
+        row: wp.array(dtype=int),
+        bad: wp.array(dtype=wp.uint64),
+        sums: wp.array(dtype=wp.float64),
+    ):
+        cubics(field, origin, d, cells, times, n, cubic)
+        bad[0] = measure(rows, blocks, spend, cells, n, cubic, found, row)
+        for l in range(n):
+            if (bad[0] >> wp.uint64(l)) & wp.uint64(1) != wp.uint64(0):
+                # As somebody else would.
+                row[l] = -1
+                found[0, l] = wp.float32(0.5)
+                found[1, l] = wp.float32(0.39346934)
+                found[2, l] = wp.float32(0.1)
+                found[3, l] = wp.float32(0.2)
+                found[4, l] = wp.float32(1e-5)
+                found[5, l] = wp.float32(0.3)
+        for first in range(0, n, LANES):
+            compose(rows, found, row, first, sums)
+
+    return measured
+
+
+def measured(vectors, data, tf, seed, flags=None):
+    """(found, rows, bits, sums) of random pieces in random cells of a volume."""
+    rng = np.random.default_rng(seed)
+    dtype = wp.dtype_from_numpy(data.dtype)
+    field = make_samples(dtype)()
+    field.data, field.last = wp.array(data, dtype=dtype, device="cpu"), wp.vec3i(*(n - 2 for n in reversed(data.shape)))
+    keep = Keeper(get_device("cpu"))
+    transfer = struct_of(keep(Transfer(tf, 1.0, 0.0, "float64", False)))
+    finite = data[np.isfinite(data)]
+    table, bins, numbers = rows(tf.knots, transfer_values(tf, 1.0), float(finite.min()), float(finite.max()))
+    struct = Rows()
+    struct.knots = transfer.knot
+    struct.row, struct.bins = wp.array(table, device="cpu"), wp.array(bins, dtype=int, device="cpu")
+    for name, value in numbers.items():
+        setattr(struct, name, value)
+    d = rng.normal(size=3)
+    d /= np.abs(d).max()
+    # A ray that passes the middle of some cells, as cells that it really sees need not be neighbours.
+    n = int(rng.integers(1, CELLS + 1))
+    places, times = np.zeros(CELLS, np.uint64), np.zeros((2, CELLS))
+    origin = rng.uniform(1, np.array(data.shape[::-1]) - 2)
+    t = np.sort(rng.uniform(0, 4, n + 1))
+    for l in range(n):
+        middle = origin + (t[l] + t[l + 1]) / 2 * d
+        cell = np.clip(np.floor(middle), 0, np.array(data.shape[::-1]) - 2).astype(int)
+        places[l] = cell[0] | cell[1] << 21 | cell[2] << 42
+        long = min(t[l + 1] - t[l], 0.5)
+        times[:, l] = (t[l] + t[l + 1]) / 2 + np.array([-0.5, 0.5]) * long
+    found, row = wp.zeros((6, CELLS), dtype=wp.float32, device="cpu"), wp.zeros(CELLS, dtype=int, device="cpu")
+    bad, sums = wp.zeros(1, dtype=wp.uint64, device="cpu"), wp.zeros(5, dtype=wp.float64, device="cpu")
+    blocks, cubic = Blocks(), wp.zeros((7, CELLS), dtype=wp.float32, device="cpu")
+    blocks.kinds = wp.full(tuple(-(-(n - 1) // 4) for n in data.shape), -1, wp.int16, device="cpu")
+    inputs = [field, blocks, struct, wp.vec3(*SHARE), wp.vec3d(*origin), wp.vec3d(*d), wp.array(places, device="cpu")]
+    inputs += [wp.array(times, dtype=wp.float64, device="cpu"), n, cubic, found, row, bad, sums]
+    wp.launch(kernel(vectors, dtype, flags), 1, inputs, device="cpu")
+    return cubic.numpy()[:, :n], found.numpy()[:, :n], row.numpy()[:n], int(bad.numpy()[0]), sums.numpy()
+
+
+def volume_of(dtype, seed):
+    rng = np.random.default_rng(seed)
+    smooth = sum(np.sin(0.3 * rng.random() * x + rng.random()) for x in np.indices((12, 13, 14)))
+    smooth = (smooth - smooth.min()) / np.ptp(smooth)
+    if np.dtype(dtype).kind == "f":
+        data = smooth.astype(dtype)
+        data[rng.random(data.shape) < 0.003] = np.nan
+        return data
+    return (np.iinfo(dtype).min // 2 + smooth * 250).astype(dtype)
+
+
+# For vectors as wide as this machine's, and for narrower ones.
+FLAGS = {"native": None}
+if platform.machine() == "x86_64":
+    FLAGS |= {"AVX2": "-target-cpu x86-64-v3", "SSE": "-target-cpu x86-64"}
+
+
+@pytest.mark.parametrize(
+    "dtype, flags", [*((t, "native") for t in ("int16", "float32")), *(("uint8", f) for f in FLAGS)]
+)
+def test_vectors_say_what_warp_says(dtype, flags):
+    for seed, name in enumerate(("smooth", "color map", "jumps", "random", "spikes")):
+        data = volume_of(dtype, seed)
+        finite = data[np.isfinite(data)]
+        tf = transfer_functions(float(finite.min()), float(finite.max()))[name]
+        for trial in range(10):
+            one, other = measured(False, data, tf, trial), measured(True, data, tf, trial, FLAGS[flags])
+            size = np.ptp(finite.astype(float))
+            assert np.allclose(one[0], other[0], rtol=1e-5, atol=1e-5 * size, equal_nan=True)
+            bits = one[3] ^ other[3]
+            # Rounding may take a neighbouring row, or find another side of a share.
+            same = (one[2] == other[2]) & ~np.array([bits >> l & 1 for l in range(len(one[2]))], bool)
+            assert same.mean() > 0.9
+            a, b = one[1][:, same], other[1][:, same]
+            assert np.allclose(a[:2], b[:2], rtol=2e-5, atol=1e-7)
+            assert np.allclose(a[2:4], b[2:4], rtol=1e-4, atol=1e-5 * size)
+            assert np.allclose(a[4], b[4], rtol=1e-3, atol=1e-9)
+            if same.all():
+                assert np.allclose(one[4], other[4], rtol=1e-5, atol=1e-6)
+
+
+def test_octants_against_brute_force():
+    rng = np.random.default_rng(0)
+    masks = (rng.random((5, 7, 6)) < 0.06).astype(np.uint64)
+    octants = wp.zeros((8, *masks.shape), dtype=wp.uint8, device="cpu")
+    wp.launch(make_octants, 8, [0, wp.array(masks, device="cpu"), octants], device="cpu")
+    for way, free in enumerate(octants.numpy()):
+        for at in np.ndindex(masks.shape):
+            ahead = masks[tuple(slice(i, None) if way >> (2 - a) & 1 else slice(i, None, -1) for a, i in enumerate(at))]
+            size = int(free[at])
+            assert not ahead[:size, :size, :size].any()
+            assert size >= 100 or ahead[: size + 1, : size + 1, : size + 1].any() or size > max(masks.shape)
+
+
+@cache
+def walker(make):
+    begin, stride, more = make(CELLS)
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def walked(
+        last: wp.vec3i,
+        blocks: Blocks,
+        octants: wp.array4d(dtype=wp.uint8),
+        origins: wp.array(dtype=wp.vec3d),
+        directions: wp.array(dtype=wp.vec3d),
+        ends: wp.array(dtype=wp.vec2d),
+        places: wp.array2d(dtype=wp.uint64),
+        starts: wp.array2d(dtype=wp.float64),
+        stops: wp.array2d(dtype=wp.float64),
+        counts: wp.array(dtype=int),
+    ):
+        ray = wp.tid()
+        state = wp.zeros(shape=(16,), dtype=wp.float64)
+        cells = wp.zeros(shape=(CELLS,), dtype=wp.uint64)
+        times = wp.zeros(shape=(2, CELLS), dtype=wp.float64)
+        total = wp.int32(0)
+        going = begin(last, origins[ray], directions[ray], ends[ray][0], ends[ray][1], state)
+        while going:
+            n = stride(blocks, octants, ends[ray][0], state, cells, times)
+            going = more(state)
+            for l in range(n):
+                places[ray, total] = cells[l]
+                starts[ray, total] = times[0, l]
+                stops[ray, total] = times[1, l]
+                total += 1
+        counts[ray] = total
+
+    return walked
+
+
+def walked(make, masks, kinds, shape, origins, directions, ends):
+    octants = wp.zeros((8, *masks.shape), dtype=wp.uint8, device="cpu")
+    masks = wp.array(masks, dtype=wp.uint64, device="cpu")
+    wp.launch(make_octants, 8, [0, masks, octants], device="cpu")
+    blocks = Blocks()
+    blocks.masks, blocks.kinds = masks, wp.array(kinds, dtype=wp.int16, device="cpu")
+    n = len(origins)
+    most = 3 * sum(shape) + CELLS
+    places = wp.zeros((n, most), dtype=wp.uint64, device="cpu")
+    starts, stops = (wp.zeros((n, most), dtype=wp.float64, device="cpu") for _ in range(2))
+    counts = wp.zeros(n, dtype=int, device="cpu")
+    inputs = [wp.vec3i(*(m - 2 for m in reversed(shape))), blocks, octants]
+    inputs += [wp.array(a, dtype=wp.vec3d, device="cpu") for a in (origins, directions)]
+    inputs += [wp.array(ends, dtype=wp.vec2d, device="cpu"), places, starts, stops, counts]
+    wp.launch(walker(make), n, inputs, device="cpu")
+    return [a.numpy() for a in (places, starts, stops, counts)]
+
+
+@pytest.mark.parametrize("shape", [(20, 33, 12), (2, 2, 2), (3, 2, 300)])
+def test_ticks_are_the_walk_to_rounding(shape):
+    """Also of rays along axes, faces and edges, from faces on, and of any length."""
+    rng = np.random.default_rng(1)
+    n = 3000
+    size = np.array(shape[::-1]) - 1.0
+    directions = rng.normal(size=(n, 3))
+    directions[rng.random((n, 3)) < 0.2] = 0.0
+    directions[rng.random((n, 3)) < 0.05] *= 1e-14
+    directions[rng.random((n, 3)) < 0.1] = 1.0
+    directions[~directions.any(axis=1)] = [0, 0, 1]
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    origins = rng.uniform(0, size, (n, 3))
+    on = rng.random((n, 3)) < 0.3
+    origins[on] = np.round(origins[on])
+    ends = np.sort(rng.uniform(0, 1, (n, 2)) * 10.0 ** rng.uniform(-9, 3, (n, 1)), axis=1)
+    ends[rng.random(n) < 0.5, 0] = 0.0
+    masks = rng.integers(0, 2**64, tuple(-(-(m - 1) // 4) for m in shape), np.uint64, endpoint=False)
+    masks[rng.random(masks.shape) < 0.4] = 0
+    masks[0, 0, 0] = 2**64 - 1
+    kinds = np.where(masks == 0, -2, -1).astype(np.int16)
+    one, other = (
+        walked(make, masks, kinds, shape, origins, directions, ends) for make in (make_gathered, make_strides)
+    )
+    ticks = 8 * sum(shape) * 2.0**-49
+    checked = 0
+    for ray in range(n):
+        a, b = (
+            {int(p): (s, e) for p, s, e in zip(*(x[ray, : r[3][ray]] for x in r[:3]), strict=True)}
+            for r in (one, other)
+        )
+        slack = ticks * np.ptp(ends[ray]) + 1e-12 * (1 + ends[ray, 1])
+        for place in a.keys() | b.keys():
+            (s, e), (p, q) = a.get(place, (0, 0)), b.get(place, (0, 0))
+            if place in a and place in b:
+                assert max(abs(s - p), abs(e - q)) <= slack
+                checked += 1
+            else:
+                # One that is only touched.
+                assert e - s <= slack and q - p <= slack
+            index = np.array([place & 0x1FFFFF, place >> 21 & 0x1FFFFF, place >> 42])
+            assert np.all(index <= size - 1)
+    assert checked > 1000
+
+
+def scene(seed):
+    """A random volume, transfer function and camera, of any kind that there is."""
+    rng = np.random.default_rng(seed)
+    shape = [(9, 8, 7), (6, 12, 9), (1, 9, 9), (2, 2, 2)][rng.integers(4)]
+    data = rng.random(shape)
+    how = rng.integers(5)
+    if how == 1:
+        data = np.round(4 * data) / 4
+    elif how == 2:
+        data = (data < 0.4).astype(float)
+    elif how >= 3:
+        data = 0.5 + 0.5 * np.sin(sum(rng.uniform(0.1, 0.9) * x for x in np.indices(shape)))
+    dtype = ("uint8", "float32")[seed % 2]
+    low, wide = (0.0, 255.0) if dtype == "uint8" else (rng.choice([0.0, 100.0]), 10.0 ** rng.uniform(-2, 2))
+    data = low + wide * data
+    if dtype == "float32":
+        data[rng.random(shape) < 0.02] = np.nan
+    n = int(rng.choice([2, 3, 8, 64]))
+    x = np.sort(low + wide * rng.uniform(-0.1, 1.1, n))
+    if rng.random() < 0.4:
+        x = np.sort(np.concatenate([x, x[::3] + wide * 10.0 ** -rng.uniform(1, 8)]))
+    if rng.random() < 0.4:
+        x = np.sort(np.concatenate([x, x[1::4]]))
+    opacity = np.minimum(rng.random(len(x)) ** 2 * 10.0 ** rng.uniform(-2, 0.2), 0.999) * (rng.random(len(x)) < 0.8)
+    way = rng.normal(size=3) if rng.random() < 0.7 else np.eye(3)[rng.integers(3)] + rng.normal(size=3) * 1e-9
+    volume = wvr.Volume(data.astype(dtype), **({"nan": "transparent"} if dtype == "float32" else {}))
+    tf = wvr.TransferFunction.from_arrays(x, rng.random((len(x), 3)), opacity)
+    return volume, tf, wvr.Camera.fit(volume, way, parallel=bool(rng.random() < 0.5))
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1 / 512, 1e-4])
+def test_random_scenes_are_within_their_bounds(tolerance):
+    for seed in range(60):
+        volume, tf, camera = scene(seed)
+        exact = wvr.render(volume, tf, camera, (12, 12), integrator=wvr.Exact())
+        image = wvr.render(volume, tf, camera, (12, 12), tolerance=tolerance)
+        error = np.abs(image.rgba.astype(float) - exact.rgba).max(axis=2)
+        assert np.all(np.isfinite(image.rgba)) and np.all(error <= image.error_bound), seed
+
+
+def test_double_precision_where_single_is_not_good_enough():
+    """By the tolerance, or asked for: a slab with nothing to approximate, to rounding of either precision."""
+    volume = wvr.Volume(np.full((9, 9, 9), 100, np.uint8))
+    tf = wvr.TransferFunction([(0, "white", 0.1), (255, "white", 0.1)])
+    middle = volume.corners.mean(0)
+    camera = wvr.Camera(middle + np.array([0, 0, 20]), middle, up=(0, 1, 0), parallel_scale=4)
+    truth = 1 - 0.9**8
+    for options, rounding in (({"tolerance": 1e-3}, 1e-6), ({"tolerance": 1e-3, "precision": "float64"}, 1e-13)):
+        image = wvr.render(volume, tf, camera, (5, 5), **options)
+        assert np.abs(image.rgba[2, 2] - truth).max() < rounding
+    assert wvr.render(volume, tf, camera, (5, 5), tolerance=1e-6).error_bound.max() < 1e-6

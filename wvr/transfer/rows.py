@@ -1,0 +1,171 @@
+"""Rows of a transfer function for cells in single precision: a polynomial in a window of scalars and its deviation.
+
+Those of intervals are exact but for rounding. A colour map of hundreds of control points, most of which change little,
+is fitted too: extinction by parabolas, colour by lines, in windows of all widths, so that a cell finds one that holds
+all that it sees and is no wider than it must be.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..keep import Keeper, Part
+from ..kernels.transfer.rows import Rows
+
+Floats = NDArray[np.float64]
+
+# Of the narrowest fitted windows there are 2^LEVELS; each level has half as many, twice as wide.
+LEVELS = 9
+BINS = 1024
+# Nodes that rows are fitted in.
+NODES = 12
+
+
+@dataclass(frozen=True)
+class FittedRows(Part):
+    """The struct of ``kernels.transfer.rows`` for a transfer function as of ``transfer.simplify``, and scalars in
+    [low, high].
+    """
+
+    function: Part
+    low: float
+    high: float
+    name: ClassVar[str] = "rows"
+
+    def build(self, keep: Keeper) -> Any:
+        points, transfer = keep(self.function)
+        knots = transfer.knot.numpy()[1:]
+        result = Rows()
+        table, bins, numbers = rows(knots, points.values, self.low, self.high)
+        result.row = wp.array(table, dtype=wp.float32, device=keep.device)
+        result.knots = transfer.knot
+        result.bins = wp.array(bins, dtype=int, device=keep.device)
+        for name, value in numbers.items():
+            setattr(result, name, value)
+        return result
+
+
+def rows(knots: Floats, values: Floats, low: float, high: float) -> tuple[NDArray[np.float32], NDArray, dict[str, Any]]:
+    """Rows (n, 16) of control points (m,) with colour and extinction (m, 4), the interval of each bin, and the numbers
+    of the struct.
+
+    A row is: middle and half width of its window; extinction ``t0 + t1 w + t2 w^2`` at w from the middle; the largest
+    deviation of extinction and of colour; the steepest colour; colour in the middle, 0, its slope, 0.
+    """
+    span = knots[-1] - knots[0] or max(high - low, abs(knots[0]), 1.0)
+    begin, end = max(low, knots[0] - span / 64), min(high, knots[-1] + span / 64)
+    if not begin < end:
+        begin, end = min(begin, end), min(begin, end) + span
+    # The outer intervals, as far as there are scalars.
+    ends = np.concatenate([[min(low, knots[0]) - span], knots, [max(high, knots[-1]) + span]])
+    at = np.concatenate([values[:1], values, values[-1:]])
+    own = _lines(ends, at)
+    wide = (end - begin) / 2**LEVELS * 2.0 ** np.arange(LEVELS + 1)
+    middles = [begin + (np.arange(2 ** (LEVELS - j)) + 0.5) * wide[j] for j in range(LEVELS + 1)]
+    halves = np.repeat(2.50001 * wide, [len(m) for m in middles])
+    fitted = _parabolas(ends, at, np.concatenate(middles), halves)
+    scale = BINS / (end - begin)
+    bins = np.searchsorted(ends, begin + (np.arange(BINS) + 0.5) / scale, "right") - 1
+    numbers = {
+        "low": begin,
+        "scale": scale,
+        "fine": 1 / wide[0],
+        "least": 0.5 / wide[0],
+        "levels": LEVELS,
+        "fitted": len(own),
+    }
+    return np.concatenate([own, fitted]), np.clip(bins, 0, len(own) - 1).astype(np.int32), numbers
+
+
+def _lines(ends: Floats, at: Floats) -> NDArray[np.float32]:
+    """Rows of intervals, in single precision."""
+    width = np.diff(ends)
+    table = np.zeros((len(width), 16), np.float32)
+    slope = np.diff(at, axis=0) / np.where(width > 0, width, 1.0)[:, None]
+    table[:, 0] = ends[:-1] + 0.5 * width
+    middle = table[:, 0].astype(np.float64)
+    center = at[:-1] + (middle - ends[:-1])[:, None] * slope
+    half = np.minimum(middle - ends[:-1], ends[1:] - middle)
+    _fill(table, center[:, 3], slope[:, 3], 0.0, center[:, :3], slope[:, :3])
+    # What is in the window is in the interval.
+    table[:, 1] = np.where(half > 0, np.nextafter(half.astype(np.float32), np.float32(-1)), -1)
+    off = np.zeros((2, len(width)))
+    for end in range(2):
+        off = np.maximum(off, _deviations(table, ends[end : len(width) + end] - middle, at[end : len(width) + end]))
+    return _closed(table, off)
+
+
+def _parabolas(ends: Floats, at: Floats, middle: Floats, half: Floats) -> NDArray[np.float32]:
+    """Rows fitted in windows."""
+    table = np.zeros((len(middle), 16), np.float32)
+    table[:, 0] = middle
+    middle = table[:, 0].astype(np.float64)
+    table[:, 1] = half
+    half = table[:, 1].astype(np.float64)
+    # Chebyshev's polynomials, as good as the best but for little.
+    node = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
+    y = _evaluate(ends, at, middle[:, None] + half[:, None] * node)
+    a0, a1, a2 = (np.einsum("n,bnc->bc", t, y) / NODES for t in (np.ones(NODES), 2 * node, 4 * node**2 - 2))
+    linear = a1 / half[:, None]
+    _fill(table, a0[:, 3] - a2[:, 3], linear[:, 3], 2 * a2[:, 3] / half**2, a0[:, :3], linear[:, :3])
+    # Deviations are largest at the window's ends and at control points inside; both values of a jump count.
+    off = np.zeros((2, len(middle)))
+    for side in (-1.0, 1.0):
+        off = np.maximum(off, _deviations(table, side * half, _evaluate(ends, at, middle + side * half)))
+    first = np.searchsorted(ends, middle - half, "left")
+    number = np.searchsorted(ends, middle + half, "right") - first
+    longest = 2 * half
+    some = np.flatnonzero(number)
+    if len(some):
+        many, begin = number[some], np.cumsum(number[some]) - number[some]
+        row = np.repeat(some, many)
+        k = np.repeat(first[some] - begin, many) + np.arange(many.sum())
+        inside = _deviations(table[row], ends[k] - middle[row], at[k])
+        off[:, some] = np.maximum(off[:, some], np.maximum.reduceat(inside, begin, axis=1))
+        gaps = np.diff(ends, prepend=-np.inf)[k]
+        gaps[begin] = ends[k[begin]] - (middle - half)[some]
+        last = (middle + half)[some] - ends[k[begin + many - 1]]
+        longest[some] = np.maximum(np.maximum.reduceat(gaps, begin), last)
+    # And between them that of a parabola from its chord.
+    off[0] += np.abs(table[:, 4].astype(np.float64)) * longest**2 / 4
+    return _closed(table, off)
+
+
+def _fill(table: NDArray, t0: Any, t1: Any, t2: Any, color: Floats, slope: Floats) -> None:
+    with np.errstate(over="ignore"):
+        table[:, 2], table[:, 3], table[:, 4] = t0, t1, t2
+        table[:, 8:11], table[:, 12:15] = color, slope
+        table[:, 7] = np.abs(table[:, 12:15]).max(axis=1)
+
+
+def _deviations(table: NDArray[np.float32], w: Floats, at: Floats) -> Floats:
+    """Of rows from extinction and colour at w from their middles."""
+    row = table.astype(np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):
+        tau = row[:, 2] + w * (row[:, 3] + w * row[:, 4])
+        color = row[:, 8:11] + w[:, None] * row[:, 12:15]
+        return np.stack([np.abs(tau - at[:, 3]), np.abs(color - at[:, :3]).max(axis=1)])
+
+
+def _closed(table: NDArray[np.float32], off: Floats) -> NDArray[np.float32]:
+    """Rows with their deviations, rounded up; those that single precision does not hold hold nothing."""
+    row = table.astype(np.float64)
+    # Rounding of the deviations themselves, in double.
+    size = np.abs(row[:, 2]) + np.abs(row[:, 3]) * np.abs(row[:, 1]) + np.abs(row[:, 4]) * row[:, 1] ** 2
+    bright = np.abs(row[:, 8:15]).max(axis=1) * (1 + np.abs(row[:, 1]))
+    rounded = (off + 2.0**-48 * np.stack([size, bright])).T.astype(np.float32)
+    table[:, 5:7] = np.maximum(np.nextafter(rounded, np.float32(np.inf)), 1e-30)
+    table[~np.isfinite(table).all(axis=1) | (np.abs(table) > 1e18).any(axis=1), 1] = -1
+    return table
+
+
+def _evaluate(ends: Floats, at: Floats, s: Floats) -> Floats:
+    k = np.clip(np.searchsorted(ends, s, "right") - 1, 0, len(ends) - 2)
+    width = np.diff(ends)
+    t = np.clip((s - ends[k]) / np.where(width > 0, width, 1.0)[k], 0.0, 1.0)
+    return at[k] + t[..., None] * (at[k + 1] - at[k])
