@@ -45,6 +45,7 @@ NAMES = (
     "stability",
     "enclosure",
     "hunt",
+    "faults",
     "gallery",
 )
 ROOT = Path(__file__).parents[1]
