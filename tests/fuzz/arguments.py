@@ -10,7 +10,7 @@ import numpy as np
 
 import wvr
 
-CLEAR = (ValueError, TypeError, OSError, MemoryError, OverflowError)
+CLEAR = (ValueError, TypeError, OSError, MemoryError, OverflowError, ImportError)
 ARRAY = (np.arange(64, dtype=np.uint8) * 4).reshape(4, 4, 4)
 WEIRD: tuple[Any, ...] = (
     None, True, False, 0, 1, -1, 2, 3, 10**9, 2**31, 2**63, 2**64, -(2**63), 10**400, 0.5, 0.0, -0.0, 1e-300, 1e-45,
@@ -46,6 +46,7 @@ def bases() -> dict[str, tuple[Any, dict[str, Any]]]:
         "Comparison": {"image": np.zeros((4, 4, 4)), "reference": np.zeros((4, 4, 4))},
         "ConvolutionShadows": {},
         "DirectionalLight": {"direction": (0, 0, 1)},
+        "Enclosure": {"lower": np.zeros(4), "upper": np.ones(4)},
         "Exact": {},
         "Headlight": {},
         "Image": {"rgba": np.zeros((4, 4, 4), np.float32), "samples": np.zeros((4, 4), np.int32)},
@@ -68,6 +69,7 @@ def bases() -> dict[str, tuple[Any, dict[str, Any]]]:
         "Volume": {"array": ARRAY},
         "compare": {"image": image, "reference": image},
         "datasets.load": {"name": "spheres", "size": 4},
+        "enclose": {"volume": volume, "transfer_function": tf, "camera": camera, "x": 2, "y": 2, "size": (4, 4)},
         "get_num_threads": {},
         "preintegrate": {"tf": tf, "n": 4, "device": "cpu"},
         "presets.suggest": {"volume": volume},
