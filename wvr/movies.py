@@ -117,22 +117,23 @@ def orbit(
 
 def _around(
     points: NDArray[np.float64], volume: Any, frames: int, elevation: float, turn: float, aspect: float
-) -> list[Camera]:
+) -> Iterator[Camera]:
     """Cameras at one distance, on which all points are in all frames."""
     front, up = front_and_up(volume)
     above = np.radians(elevation)
-    directions = []
-    for n in range(frames):
+
+    def direction(n: int) -> NDArray[np.float64]:
         around = np.radians(turn) * n / frames
         level = np.cos(around) * front + np.sin(around) * np.cross(up, front)
-        directions.append(np.cos(above) * level + np.sin(above) * up)
+        return np.cos(above) * level + np.sin(above) * up
+
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     distance = 0.0
-    for direction in directions[:: max(1, frames // 36)]:
+    for n in range(0, frames, max(1, frames // 36)):
         # Mirrored at the middle as well, so that the nearest camera is right in front of it.
-        camera = framed(np.concatenate([points, 2 * middle - points]), direction, up, aspect=aspect)
+        camera = framed(np.concatenate([points, 2 * middle - points]), direction(n), up, aspect=aspect)
         distance = max(distance, float(np.linalg.norm(camera.position - middle)))
-    return [Camera(middle + distance * direction, middle, up) for direction in directions]
+    return (Camera(middle + distance * direction(n), middle, up) for n in range(frames))
 
 
 @overload
