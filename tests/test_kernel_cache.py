@@ -60,7 +60,6 @@ def test_damaged_kernels_are_compiled_anew(script, tmp_path):
     whole = binary.read_bytes()
     damages = {
         "zeros": lambda: binary.write_bytes(whole[:100] + bytes(len(whole) - 100)),
-        "meta": lambda: compiled(tmp_path, ".meta").write_text("{"),
         "unsealed": lambda: (binary.write_bytes(b""), compiled(tmp_path, "seal.json").unlink()),
     }
     for name, damage in damages.items():

@@ -109,9 +109,16 @@ def test_an_orbit_is_counter_clockwise_and_keeps_its_distance(volume):
 def test_an_orbit_takes_what_render_takes(volume, tmp_path):
     path = wvr.orbit(volume, "viridis", 2, tmp_path / "a", opacity="linear", clim=(0, 100), lighting=False, **FAST)
     assert len(frames_of(path)) == 2
-    for wrong, message in (({"frames": 0}, "frames must be"), ({"elevation": 90}, "elevation must be")):
-        with pytest.raises(ValueError, match=message):
-            wvr.orbit(volume, **(FAST | wrong))
+    for name, *wrong in (("frames", 0, 2.0, None, np.inf), ("elevation", 90, "x", None), ("turn", np.nan, [], 10**400)):
+        for value in wrong:
+            with pytest.raises(ValueError, match=f"{name} must be"):
+                wvr.orbit(volume, **(FAST | {name: value}))
+    with pytest.raises(TypeError, match="output must be a path, got 1"):
+        wvr.orbit(volume, output=1, **FAST)
+    with pytest.raises(TypeError, match="images must be iterable"):
+        wvr.save_movie(1, tmp_path / "b")
+    # As many as there shall be, one after the other.
+    assert next(wvr.orbit(volume, frames=10**9, **FAST)).size == next(wvr.orbit(volume, frames=1, **FAST)).size
     with pytest.raises(TypeError, match="camera is what orbit chooses"):
         wvr.orbit(volume, camera="iso", **FAST)
 

@@ -200,7 +200,7 @@ def test_orbits():
     np.testing.assert_allclose(wvr.Camera.orbit(volume, 450, 30).position, camera.position)
     volume.anatomical = "LPS"
     np.testing.assert_allclose(-wvr.Camera.orbit(volume, 0, 0).basis()[2], (0, -1, 0), atol=1e-12)
-    with pytest.raises(ValueError, match="elevation in"):
+    with pytest.raises(ValueError, match="elevation must be"):
         wvr.Camera.orbit(volume, 0, 90)
 
 

@@ -41,7 +41,8 @@ def advise(scene: Scene, image: Image) -> None:
         if varies and low < high and min(high, last) - max(low, first) < NARROW * (last - first):
             _warn(
                 f"{data}, a small part of the transfer function's, from {first:g} to {last:g}, so that all looks much "
-                f"the same: if it is for others, such as Hounsfield units, pass it domain=({low:g}, {high:g})"
+                f"the same: if it is for others, such as Hounsfield units, pass it domain=({low:g}, {high:g}), "
+                f"or clim to wvr.render and on the command line"
             )
 
 

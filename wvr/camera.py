@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .field.base import Field
-from .validation import finite_vector, positive
+from .validation import finite_vector, positive, within
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -214,10 +214,7 @@ class Camera:
         """
         from .views import front_and_up
 
-        if not (np.isfinite(azimuth) and -90 < elevation < 90):
-            raise ValueError(
-                f"azimuth must be finite and elevation in (-90, 90) degrees, got {azimuth!r} and {elevation!r}"
-            )
+        azimuth, elevation = within(azimuth, "azimuth", np.inf), within(elevation, "elevation", 90.0)
         front, up = front_and_up(volume)
         around, above = np.radians(azimuth), np.radians(elevation)
         level = np.cos(around) * front + np.sin(around) * np.cross(up, front)

@@ -20,7 +20,7 @@ from .framing import framed, visible_points
 from .image import Image
 from .renderer import Renderer
 from .sources import as_volume
-from .validation import positive
+from .validation import positive, within
 from .views import front_and_up
 from .volume import Volume
 
@@ -85,8 +85,9 @@ def orbit(
     >>> [image.size for image in wvr.orbit(wvr.datasets.load("blobs", 16), frames=2, size=(8, 6))]
     [(8, 6), (8, 6)]
     """
-    if isinstance(frames, bool) or int(frames) != frames or frames < 1:
+    if isinstance(frames, bool) or not isinstance(frames, int | np.integer) or frames < 1:
         raise ValueError(f"frames must be an integer >= 1, got {frames!r}")
+    elevation, turn = within(elevation, "elevation", 90.0), within(turn, "turn", np.inf)
     if output is not None:
         _kind(output)
         positive(fps, "fps")
@@ -99,8 +100,6 @@ def orbit(
     tf = look.transfer_function
     shown = tf if call.segmentation is None else call.segmentation
     points = visible_points(volume, shown, clip_list(rest.get("clip")))
-    if not -90 < elevation < 90:
-        raise ValueError(f"elevation must be in (-90, 90) degrees, got {elevation!r}")
     cameras = _around(points, volume, frames, elevation, turn, size[0] / size[1])
     renderer = Renderer(volume, tf, background=look.background, segmentation=call.segmentation, **rest)
 
@@ -117,22 +116,23 @@ def orbit(
 
 def _around(
     points: NDArray[np.float64], volume: Any, frames: int, elevation: float, turn: float, aspect: float
-) -> list[Camera]:
+) -> Iterator[Camera]:
     """Cameras at one distance, on which all points are in all frames."""
     front, up = front_and_up(volume)
     above = np.radians(elevation)
-    directions = []
-    for n in range(frames):
+
+    def direction(n: int) -> NDArray[np.float64]:
         around = np.radians(turn) * n / frames
         level = np.cos(around) * front + np.sin(around) * np.cross(up, front)
-        directions.append(np.cos(above) * level + np.sin(above) * up)
+        return np.cos(above) * level + np.sin(above) * up
+
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     distance = 0.0
-    for direction in directions[:: max(1, frames // 36)]:
+    for n in range(0, frames, max(1, frames // 36)):
         # Mirrored at the middle as well, so that the nearest camera is right in front of it.
-        camera = framed(np.concatenate([points, 2 * middle - points]), direction, up, aspect=aspect)
+        camera = framed(np.concatenate([points, 2 * middle - points]), direction(n), up, aspect=aspect)
         distance = max(distance, float(np.linalg.norm(camera.position - middle)))
-    return [Camera(middle + distance * direction, middle, up) for direction in directions]
+    return (Camera(middle + distance * direction(n), middle, up) for n in range(frames))
 
 
 @overload
@@ -259,6 +259,8 @@ def save_movie(
     OSError
         Where the movie cannot be written.
     """
+    if not isinstance(images, Iterable):
+        raise TypeError(f"images must be iterable, a list of images or the like, got {images!r}")
     kind, target = _kind(path), Path(path)
     positive(fps, "fps")
     if count is None and isinstance(images, Sequence):
@@ -285,6 +287,8 @@ def save_movie(
 
 
 def _kind(path: str | os.PathLike[str]) -> str:
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"output must be a path, got {path!r}")
     suffix = Path(path).suffix.lower()
     folder = str(path).endswith(("/", os.sep)) or suffix == ""
     if not folder and suffix not in SUFFIXES:

@@ -34,9 +34,20 @@ def positive(value: Any, name: str) -> float:
     return number
 
 
+def within(value: Any, name: str, limit: float) -> float:
+    """``value`` as a float between ``-limit`` and ``limit``."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = np.nan
+    if not -limit < number < limit:
+        raise ValueError(f"{name} must be a number in (-{limit:g}, {limit:g}), got {value!r}")
+    return number
+
+
 def choice(value: Any, name: str, accepted: Sequence[str | None]) -> Any:
     """``value`` if it is one of ``accepted``."""
-    if value not in accepted:
+    if not isinstance(value, str | None) or value not in accepted:
         raise ValueError(
             f"{name} must be one of {', '.join(map(repr, accepted))}, got {value!r}{near(value, accepted)}"
         )

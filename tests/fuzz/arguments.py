@@ -10,7 +10,7 @@ import numpy as np
 
 import wvr
 
-CLEAR = (ValueError, TypeError, OSError, MemoryError, OverflowError)
+CLEAR = (ValueError, TypeError, OSError, MemoryError, OverflowError, ImportError)
 ARRAY = (np.arange(64, dtype=np.uint8) * 4).reshape(4, 4, 4)
 WEIRD: tuple[Any, ...] = (
     None, True, False, 0, 1, -1, 2, 3, 10**9, 2**31, 2**63, 2**64, -(2**63), 10**400, 0.5, 0.0, -0.0, 1e-300, 1e-45,
@@ -38,6 +38,8 @@ def bases() -> dict[str, tuple[Any, dict[str, Any]]]:
         "AdaptiveSimpson": {"tolerance": 1e-3},
         "Camera": {"position": (9, 9, 9), "target": (1, 1, 1)},
         "Camera.fit": {"volume": volume},
+        "Camera.orbit": {"volume": volume},
+        "Camera.project": {"self": camera, "points": (1, 1, 1), "size": (4, 4)},
         "Certified": {"tolerance": 1e-3},
         "ClipBox": {"lo": (0, 0, 0), "hi": (2, 2, 2)},
         "ClipPlane": {"point": (1, 1, 1), "normal": (0, 0, 1)},
@@ -46,6 +48,7 @@ def bases() -> dict[str, tuple[Any, dict[str, Any]]]:
         "Comparison": {"image": np.zeros((4, 4, 4)), "reference": np.zeros((4, 4, 4))},
         "ConvolutionShadows": {},
         "DirectionalLight": {"direction": (0, 0, 1)},
+        "Enclosure": {"lower": np.zeros(4), "upper": np.ones(4)},
         "Exact": {},
         "Headlight": {},
         "Image": {"rgba": np.zeros((4, 4, 4), np.float32), "samples": np.zeros((4, 4), np.int32)},
@@ -66,16 +69,22 @@ def bases() -> dict[str, tuple[Any, dict[str, Any]]]:
         "TransferFunction.preset": {"name": "ct-bone"},
         "TransferFunction.extinction": {"self": tf, "s": 0.5},
         "Volume": {"array": ARRAY},
+        "as_volume": {"data": ARRAY},
         "compare": {"image": image, "reference": image},
         "datasets.load": {"name": "spheres", "size": 4},
+        "enclose": {"volume": volume, "transfer_function": tf, "camera": camera, "x": 2, "y": 2, "size": (4, 4)},
         "get_num_threads": {},
+        "orbit": {"data": volume, "transfer_function": tf, "frames": 2, "size": (4, 4)},
         "preintegrate": {"tf": tf, "n": 4, "device": "cpu"},
         "presets.suggest": {"volume": volume},
         "read": {"path": "none.nrrd"},
         "read_raw": {"path": "none.raw", "shape": (4, 4, 4), "dtype": "uint8"},
         "render": scene | {"integrator": wvr.Riemann(1.0)},
+        "save_movie": {"images": [np.zeros((4, 4, 3), np.uint8)], "path": Path("a.gif")},
         "set_num_threads": {"n": 1},
         "single_scattering": scene | {"directions": 1, "step": 1.0},
+        "time_series": {"data": [volume], "transfer_function": tf, "camera": camera, "size": (4, 4)},
+        "warm_up": {"lighting": False, "dtype": "uint8", "integrator": wvr.Riemann(1.0), "device": "cpu"},
     }
     found = {}
     for name, given in other.items():
@@ -104,6 +113,7 @@ class Arguments:
         before = wvr.get_num_threads()
         try:
             made = call(**given)
+            made = next(made) if inspect.isgenerator(made) else made
             if isinstance(made, wvr.Image):
                 return "" if np.isfinite(made.rgba).all() else f"wrong: {name}({given}) is not finite"
             return self._used(name, made)

@@ -36,15 +36,13 @@ class Scenes:
 
 def _volume(rng: np.random.Generator) -> wvr.Volume:
     shape = rng.integers(1, 7, 3)
-    dtype = rng.choice(["uint8", "float32"])  # for each there are kernels to be compiled
     kind = rng.integers(3)
-    array = (
-        rng.random(shape) if kind == 0 else np.indices(shape).sum(axis=0) / 12 if kind == 1 else rng.random(shape) < 0.5
-    )
-    array = array * 255.0 if dtype == "uint8" else array * 10.0 ** rng.uniform(-20, 20)
+    kinds = (rng.random(shape), np.indices(shape).sum(axis=0) / 12, rng.random(shape) < 0.5)
+    # For every dtype there are kernels to be compiled: it is one.
+    array = np.float32(kinds[kind] * (255.0 if rng.random() < 0.5 else 10.0 ** rng.uniform(-20, 20)))
     spacing = 10.0 ** (rng.uniform(-30, 30) + rng.uniform(-3, 3, 3))
     direction = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    return wvr.Volume(array.astype(dtype), spacing, rng.normal(size=3) * spacing * 100, direction)
+    return wvr.Volume(array, spacing, rng.normal(size=3) * spacing * 100, direction)
 
 
 def _transfer_function(rng: np.random.Generator) -> wvr.TransferFunction:
