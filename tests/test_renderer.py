@@ -142,7 +142,7 @@ def test_table_size_and_generator(scene):
 @pytest.mark.parametrize(
     ("kwargs", "error", "message"),
     [
-        ({"volume": object()}, TypeError, "data must be a Volume, a path, an array .*, got object"),
+        ({"volume": ...}, TypeError, "data must be a Volume, a path, an array .*, got ellipsis"),
         (
             {"transfer_function": "bonee"},
             ValueError,
