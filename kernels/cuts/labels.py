@@ -148,9 +148,11 @@ def make_label_span(dtype, real, bounded=False):
                         if states[n] != state and states[n] != other:
                             other = states[n]
                             ahead_by = indicated(states, other, local, direction) - weight
-                            change = wp.min(change, rise(ahead_by, after.t - w.t))
                             if wp.static(bounded):
                                 loose += length_within(ahead_by, after.t - w.t, wp.float64(32.0) * astray)
+                            # Beyond rounding: a ray in the boundary would change sides without end.
+                            ahead_by[0] -= wp.float64(wp.static(2.0**-45))
+                            change = wp.min(change, rise(ahead_by, after.t - w.t))
                     if change < after.t - w.t:
                         return state, w.t + change, loose
                 elif state == NOTHING:

@@ -146,9 +146,9 @@ KINDS = (PLANE, BOX, SPHERE)
 def make_shapes(kinds):
     """Functions of clips of any of the ``kinds``, in index coordinates:
 
-    ``stretch_inside(clip, origin, direction)``; ``loose(clip, origin, direction, start, end)``, the length within that
-    in which rounding may put a ray on either side; ``is_inside(clip, p)``; and ``surface_of(clip, p)``, whose gradient
-    is that in the shape's own coordinates.
+    ``stretch_inside(clip, origin, direction)``; ``near_surface(clip, origin, direction, start, end)``, the length
+    within that in which rounding may put a ray on either side; ``is_inside(clip, p)``; and ``surface_of(clip, p)``,
+    whose gradient is that in the shape's own coordinates.
     """
     span, inside, surface = _chained(kinds, 0)
 
@@ -158,7 +158,7 @@ def make_shapes(kinds):
         return near, far
 
     @wp.func
-    def loose(clip: Clip, origin: wp.vec3d, direction: wp.vec3d, start: wp.float64, end: wp.float64):
+    def near_surface(clip: Clip, origin: wp.vec3d, direction: wp.vec3d, start: wp.float64, end: wp.float64):
         o = clip.matrix @ origin + clip.offset
         d = clip.matrix @ direction
         near, far = span(clip.kind, o, d, clip.astray)
@@ -174,7 +174,7 @@ def make_shapes(kinds):
         level, slope = surface(clip.kind, clip.matrix @ p + clip.offset)
         return level, slope
 
-    return stretch_inside, loose, is_inside, surface_of
+    return stretch_inside, near_surface, is_inside, surface_of
 
 
 def _chained(kinds, number):

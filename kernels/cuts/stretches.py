@@ -9,7 +9,7 @@ from ..field.walk import ahead
 from ..segment import over
 from .labels import make_label_span, make_labels
 from .shapes import KINDS
-from .volumes import make_clip_span, make_clipping, make_cut_normal
+from .volumes import make_clip_span, make_clipping, make_cut_normal, make_near_surfaces
 
 
 @dataclass(frozen=True)
@@ -92,6 +92,7 @@ def make_stretches(halves):
     march = halves.march.march(halves)
     bounded = halves.march.bounded
     span = make_span(halves)
+    near_surfaces = make_near_surfaces(cuts.kinds, cuts.volumes)
     cut_normal = make_cut_normal(cuts.kinds, cuts.volumes)
     lit = halves.light is not None and cuts.clipped
 
@@ -103,12 +104,17 @@ def make_stretches(halves):
         bound = wp.float64(0.0)
         opaque = scene.opaque
         scene.whole = stop - start
+        if wp.static(bounded):
+            # That a piece may change a channel by, in parts of its opacity.
+            most = scene.march.brightest + scene.march.tinted
+            if wp.static(cuts.clipped):
+                loose = near_surfaces(scene.cuts.clipping, origin, direction, start, stop)
+                bound = most * wp.min(one, scene.march.densest * loose)
         t = start
         while t < stop and ray[3] <= opaque:
             state, until, loose = span(scene, origin, direction, t, stop)
             clear = one - ray[3]
             if wp.static(bounded):
-                most = scene.march.brightest + scene.march.tinted
                 bound += clear * most * wp.min(one, scene.march.densest * loose)
             if state >= 0:
                 if wp.static(cuts.labels is not None):

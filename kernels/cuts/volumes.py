@@ -9,7 +9,7 @@ from functools import cache
 import warp as wp
 
 from ..field.blocks import BITS
-from ..field.cell import cubic, length_within, make_corners, rise, vec8d
+from ..field.cell import SHORT, cubic, length_within, make_corners, rise, vec8d
 from ..field.samples import make_value
 from ..field.walk import ahead, cell_at, make_walk
 from ..ray import FAR, inside, inverted, near_faces
@@ -59,12 +59,12 @@ def blurred(span: wp.float64, size: wp.float64, astray: wp.float64):
 @cache
 def make_clip_span(kinds, dtype, bounded=False):
     """``clip_span(clipping, origin, direction, t, length)``: whether a ray is visible from t on, and until where; and
-    ``bounded``, a length so that rounding may decide on no more of that (docs/proof.md, lemma 11).
+    ``bounded``, on how much of that rounding may decide but for what ``near_surfaces`` has.
     """
     ClipVolume, Clipping = make_clipping(dtype)
     _, corners = make_corners(dtype)
     _, enter, leap, _ = make_walk(wp.float64)
-    stretch_inside, loose_of, _, _ = make_shapes(kinds)
+    stretch_inside, *_ = make_shapes(kinds)
 
     @wp.func
     def loose_in(
@@ -78,17 +78,22 @@ def make_clip_span(kinds, dtype, bounded=False):
         stretch: wp.vec2d,
     ):
         """How much is loose of a stretch of ray in a cell, or a block of ``1 << bits`` along each axis, whose samples
-        are in a ``span`` and where the field less iso is the cubic ``level``: what is near enough to iso for the cell
-        itself, and near its faces for any.
+        are in a ``span`` and where the field less iso is the cubic ``level``: what is near enough to iso for any cell,
+        or if that is long for the cell itself, and what is near the faces to others.
         """
         size = wp.float64(1 << bits)
         low = wp.vec3d(wp.float64(cell[0]), wp.float64(cell[1]), wp.float64(cell[2]))
         high = low + wp.vec3d(size, size, size)
+        for a in range(3):
+            if clip.field.last[a] == 0:
+                # One layer of cells has no faces inside the box.
+                low[a] -= size
+                high[a] += size
         length = stretch[1] - stretch[0]
         loose = length
         if span[0] < span[1]:
             loose = length_within(level, length, blurred(clip.extent[0], clip.extent[1], clip.astray))
-        if loose > wp.float64(0.0):
+        if loose > wp.float64(SHORT) * length:
             faces = near_faces(low, high, origin, inverted(direction), clip.astray, stretch[0], stretch[1])
             if span[0] < span[1]:
                 most = wp.max(wp.abs(span[0]), wp.abs(span[1]))
@@ -150,7 +155,10 @@ def make_clip_span(kinds, dtype, bounded=False):
                 else:
                     if not known:
                         above = level[0] >= wp.float64(0.0)
-                    u = rise(wp.where(above, -level, level), after.t - w.t)
+                    # Beyond rounding: a ray in the surface would change sides without end.
+                    level = wp.where(above, -level, level)
+                    level[0] -= blurred(high - low, wp.max(wp.abs(low), wp.abs(high)), wp.float64(0.0))
+                    u = rise(level, after.t - w.t)
                     if u < after.t - w.t:
                         return above, w.t + u, loose
                 known = True
@@ -188,18 +196,32 @@ def make_clip_span(kinds, dtype, bounded=False):
             else:
                 until = wp.where(visible, end, wp.max(until, end))
                 visible = False
-        until = wp.min(until, length)
-        if wp.static(bounded):
-            for n in range(clipping.shapes.shape[0]):
-                loose += loose_of(clipping.shapes[n], origin, direction, t, until)
-            for n in range(clipping.volumes.shape[0]):
-                volume = clipping.volumes[n]
-                o = volume.matrix @ origin + volume.offset
-                inverse = inverted(volume.matrix @ direction)
-                loose += near_faces(volume.low, volume.high, o, inverse, volume.astray, t, until)
-        return visible, until, loose
+        return visible, wp.min(until, length), loose
 
     return clip_span
+
+
+@cache
+def make_near_surfaces(kinds, dtype):
+    """``near_surfaces(clipping, origin, direction, start, stop)``: length of a ray that is so near to surfaces of
+    shapes and to faces of clip volumes' boxes that rounding may put it on either side (docs/proof.md, lemma 11).
+    """
+    _, Clipping = make_clipping(dtype)
+    _, near_surface, _, _ = make_shapes(kinds)
+
+    @wp.func
+    def near_surfaces(clipping: Clipping, origin: wp.vec3d, direction: wp.vec3d, start: wp.float64, stop: wp.float64):
+        length = wp.float64(0.0)
+        for n in range(clipping.shapes.shape[0]):
+            length += near_surface(clipping.shapes[n], origin, direction, start, stop)
+        for n in range(clipping.volumes.shape[0]):
+            clip = clipping.volumes[n]
+            o = clip.matrix @ origin + clip.offset
+            inverse = inverted(clip.matrix @ direction)
+            length += near_faces(clip.low, clip.high, o, inverse, clip.astray, start, stop)
+        return length
+
+    return near_surfaces
 
 
 @cache

@@ -154,9 +154,20 @@ def rise(c: wp.vec4d, end: wp.float64):
     return found
 
 
+# In parts of a cell's length, what is not worth being known more exactly.
+SHORT = wp.constant(1.0e-9)
+
+
 @wp.func
 def length_within(c: wp.vec4d, end: wp.float64, e: wp.float64):
-    """Length inside (0, end) along which a cubic is within e of zero."""
+    """Length inside (0, end) along which a cubic is within e of zero, or a little more."""
+    last = at(c, end)
+    slope = wp.abs(c[1]) - end * (wp.float64(2.0) * wp.abs(c[2]) + end * wp.float64(3.0) * wp.abs(c[3]))
+    if wp.float64(2.0) * e < wp.float64(SHORT) * end * slope:
+        # It is nowhere less steep than that.
+        if wp.min(c[0], last) > e or wp.max(c[0], last) < -e:
+            return wp.float64(0.0)
+        return wp.float64(2.0) * e / slope
     first, second = turns(c, end)
     start = wp.float64(0.0)
     total = wp.float64(0.0)
