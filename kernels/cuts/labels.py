@@ -149,9 +149,9 @@ def make_label_span(dtype, real, bounded=False):
                             other = states[n]
                             ahead_by = indicated(states, other, local, direction) - weight
                             if wp.static(bounded):
-                                loose += length_within(ahead_by, after.t - w.t, wp.float64(32.0) * astray)
+                                loose += length_within(ahead_by, after.t - w.t, wp.float64(48.0) * astray)
                             # Beyond rounding: a ray in the boundary would change sides without end.
-                            ahead_by[0] -= wp.float64(wp.static(2.0**-45))
+                            ahead_by[0] -= wp.float64(wp.static(2.0**-44))
                             change = wp.min(change, rise(ahead_by, after.t - w.t))
                     if change < after.t - w.t:
                         return state, w.t + change, loose

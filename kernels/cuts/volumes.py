@@ -53,7 +53,7 @@ def blurred(span: wp.float64, size: wp.float64, astray: wp.float64):
     """What a field along a ray may be off by where samples are in a ``span`` and up to a ``size``, and the ray is
     astray by so much in the field's index coordinates (docs/proof.md, lemma 11).
     """
-    return span * (wp.float64(3.0) * astray + wp.float64(wp.static(2.0**-46))) + size * wp.float64(wp.static(2.0**-49))
+    return span * (wp.float64(3.0) * astray + wp.float64(wp.static(2.0**-45))) + size * wp.float64(wp.static(2.0**-49))
 
 
 @cache

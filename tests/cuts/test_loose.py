@@ -85,7 +85,7 @@ def test_rays_in_a_plane_that_cuts(name):
 @pytest.mark.parametrize("axis", range(3))
 def test_axis_parallel_rays_in_the_faces_of_a_box(axis):
     """The image is that of one side, the bound reaches to the other, in rows and columns of such rays alone."""
-    volume, camera = centered(np.full((9, 9, 9), 100, np.uint8)), along(axis, scale=4.5)
+    volume, camera = centered(np.full((11, 11, 11), 100, np.uint8)), along(axis, scale=4.5)
     box = wvr.ClipBox((-2, -2, -2), (2, 2, 2))
     image, smaller, larger = (
         wvr.render(volume, THIN, camera, (9, 9), tolerance=TOLERANCE, clip=clip)
@@ -96,7 +96,7 @@ def test_axis_parallel_rays_in_the_faces_of_a_box(axis):
     assert np.array_equal(image.error_bound > TOLERANCE, faces)
     assert image.stats["rays_over_tolerance"] == np.count_nonzero(faces)
     for side in (smaller, larger):
-        assert np.all(np.abs(image.rgba - side.rgba)[faces] <= image.error_bound[faces][:, None] + 0.01)
+        assert np.all(np.abs(image.rgba - side.rgba)[faces] <= image.error_bound[faces][:, None] + 0.02)
     assert np.abs(smaller.rgba - larger.rgba)[faces].max(axis=-1).min() > 0.3
 
 
@@ -104,7 +104,7 @@ def test_axis_parallel_rays_in_the_faces_of_a_box(axis):
 @pytest.mark.parametrize("invert", [False, True])
 def test_tangents_of_what_is_round(make, invert):
     """What is cut, or not, is a chord as long as the root of what a ray is off by."""
-    volume, camera = centered(np.full((9, 9, 9), 100, np.uint8)), along(2, scale=4.5)
+    volume, camera = centered(np.full((11, 11, 11), 100, np.uint8)), along(2, scale=4.5)
     clip = (
         wvr.ClipSphere((0, 0, 0), 3.0, invert)
         if make != "cylinder"
