@@ -104,6 +104,41 @@ def inside(low: wp.vec3d, high: wp.vec3d, origin: wp.vec3d, inverse: wp.vec3d, s
 
 
 @wp.func
+def apart(outer: wp.vec2d, inner: wp.vec2d, start: wp.float64, end: wp.float64):
+    """Length inside [start, end] of an outer stretch without the inner one that it contains; either may be the wrong
+    way round. Of differences of what is close, so that no rounding of long ones is in it.
+    """
+    a = wp.max(outer[0], start)
+    b = wp.min(outer[1], end)
+    c = wp.max(inner[0], start)
+    d = wp.min(inner[1], end)
+    length = wp.max(b - a, wp.float64(0.0))
+    if d > c:
+        length = wp.max(c - a, wp.float64(0.0)) + wp.max(b - d, wp.float64(0.0))
+    return length
+
+
+@wp.func
+def near_faces(
+    low: wp.vec3d,
+    high: wp.vec3d,
+    origin: wp.vec3d,
+    inverse: wp.vec3d,
+    e: wp.float64,
+    start: wp.float64,
+    end: wp.float64,
+):
+    """Length inside [start, end] between a box of at least 1 along each axis made larger and made smaller by e."""
+    edge = wp.vec3d(e, e, e)
+    near, far = inside(low - edge, high + edge, origin, inverse, start, end)
+    closer = FAR
+    closer_far = -FAR
+    if e < wp.float64(0.5):
+        closer, closer_far = inside(low + edge, high - edge, origin, inverse, start, end)
+    return apart(wp.vec2d(near, far), wp.vec2d(closer, closer_far), start, end)
+
+
+@wp.func
 def line(view: View, x: int, y: int):
     """Where a ray is in the plane of its anchor, its direction, both in index coordinates, and where it begins."""
     anchor = view.anchor + wp.float64(x) * view.right + wp.float64(y) * view.down

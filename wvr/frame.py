@@ -158,8 +158,8 @@ class Frame:
         if scene.segmentation is not None:
             struct.cuts.labels = label_struct(scene.segmentation, seen, transfers, tables, halves, keep)
         if scene.clips:
-            to_world = scene.volume.index_to_world
-            struct.cuts.clipping = clipping_struct(scene.clips, to_world, keep, naive=sweep is not None)
+            astray = struct.view.astray
+            struct.cuts.clipping = clipping_struct(scene.clips, scene.volume, keep, astray, naive=sweep is not None)
         if scene.lighting is not None:
             struct.light = scene.lighting.struct(scene, self.device)
         return struct, seen

@@ -11,7 +11,7 @@ from functools import cache
 import warp as wp
 
 from ..field.blocks import BITS, EMPTY, SEVERAL, Blocks, make_mask_of, unravel
-from ..field.cell import cubic, rise, vec8d
+from ..field.cell import cubic, length_within, rise, vec8d
 from ..field.samples import make_samples, make_whole
 from ..field.walk import ahead, cell_at, make_walk
 from ..transfer.function import make_transfer, make_transparent, make_visible
@@ -102,15 +102,25 @@ def make_label_at(dtype, real):
 
 
 @cache
-def make_label_span(dtype, real):
-    """``label_span(labels, origin, direction, t, length)``: a ray's state from t on, and until where."""
+def make_label_span(dtype, real, bounded=False):
+    """``label_span(labels, origin, direction, t, length, astray)``: a ray's state from t on, and until where; and
+    ``bounded``, the length in which it may be another's that is ``astray`` by so much (docs/proof.md, lemma 11).
+    """
     Labels = make_labels(dtype, real)
     states_of = make_states(dtype)
     _, enter, leap, _ = make_walk(wp.float64)
 
     @wp.func
-    def label_span(labels: Labels, origin: wp.vec3d, direction: wp.vec3d, t: wp.float64, length: wp.float64):
+    def label_span(
+        labels: Labels,
+        origin: wp.vec3d,
+        direction: wp.vec3d,
+        t: wp.float64,
+        length: wp.float64,
+        astray: wp.float64,
+    ):
         state = int(NOTHING)
+        loose = wp.float64(0.0)
         w = enter(labels.states.last, origin, direction, ahead(t))
         while w.t < length:
             i = wp.max(w.cell[0], 0)
@@ -133,18 +143,24 @@ def make_label_span(dtype, real):
                         state = strongest(states, local)
                     weight = indicated(states, state, local, direction)
                     change = after.t - w.t
+                    other = state
                     for n in range(8):
-                        if states[n] != state:
-                            ahead_by = indicated(states, states[n], local, direction) - weight
+                        if states[n] != state and states[n] != other:
+                            other = states[n]
+                            ahead_by = indicated(states, other, local, direction) - weight
+                            if wp.static(bounded):
+                                loose += length_within(ahead_by, after.t - w.t, wp.float64(48.0) * astray)
+                            # Beyond rounding: a ray in the boundary would change sides without end.
+                            ahead_by[0] -= wp.float64(wp.static(2.0**-44))
                             change = wp.min(change, rise(ahead_by, after.t - w.t))
                     if change < after.t - w.t:
-                        return state, w.t + change
+                        return state, w.t + change, loose
                 elif state == NOTHING:
                     state = found
                 elif state != found:
-                    return state, w.t
+                    return state, w.t, loose
             w = after
-        return state, length
+        return state, length, loose
 
     return label_span
 

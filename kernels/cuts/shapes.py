@@ -11,7 +11,7 @@ from typing import Any
 
 import warp as wp
 
-from ..ray import FAR
+from ..ray import FAR, apart
 
 
 @wp.struct
@@ -22,13 +22,16 @@ class Clip:
     invert: bool
     matrix: wp.mat33d  # from index coordinates to those of the shape
     offset: wp.vec3d
+    astray: wp.float64  # how far rounding may put a ray from where it should be, in those coordinates
 
 
 @dataclass(frozen=True)
 class Shape:
     """The device half of a kind of shape, in its own coordinates.
 
-    ``span(origin, direction)`` -> where a ray enters and leaves, the wrong way round if it misses;
+    ``span(origin, direction, grow)`` -> where a ray enters and leaves what is within ``grow`` of the shape, or where
+    ``grow`` is negative inside it and no nearer to its surface; the wrong way round if it misses. ``grow`` is 0 but for
+    bounds, which count what is so near to the surface that rounding decides on its side;
     ``inside(p)`` -> whether a point is inside;
     ``surface(p)`` -> level, positive inside and zero on the surface, and its gradient.
     """
@@ -40,20 +43,20 @@ class Shape:
 
 @wp.func
 def slab(o: wp.float64, d: wp.float64, low: wp.float64, high: wp.float64, near: wp.float64, far: wp.float64):
-    """The part of [near, far] in which a coordinate is from low to high."""
+    """The part of [near, far] in which a coordinate is from low to high; none where low > high."""
     if d != wp.float64(0.0):
         t0 = (low - o) / d
         t1 = (high - o) / d
-        near = wp.max(near, wp.min(t0, t1))
-        far = wp.min(far, wp.max(t0, t1))
+        near = wp.max(near, wp.where(d > wp.float64(0.0), t0, t1))
+        far = wp.min(far, wp.where(d > wp.float64(0.0), t1, t0))
     elif o < low or o > high:
         far = -FAR
     return near, far
 
 
 @wp.func
-def plane_span(o: wp.vec3d, d: wp.vec3d):
-    near, far = slab(o[0], d[0], wp.float64(0.0), FAR, -FAR, FAR)
+def plane_span(o: wp.vec3d, d: wp.vec3d, grow: wp.float64):
+    near, far = slab(o[0], d[0], -grow, FAR, -FAR, FAR)
     return near, far
 
 
@@ -68,11 +71,12 @@ def plane_surface(p: wp.vec3d):
 
 
 @wp.func
-def box_span(o: wp.vec3d, d: wp.vec3d):
+def box_span(o: wp.vec3d, d: wp.vec3d, grow: wp.float64):
     near = -FAR
     far = FAR
+    half = wp.float64(1.0) + grow
     for a in range(3):
-        near, far = slab(o[a], d[a], -wp.float64(1.0), wp.float64(1.0), near, far)
+        near, far = slab(o[a], d[a], -half, half, near, far)
     return near, far
 
 
@@ -104,12 +108,13 @@ def box_surface(p: wp.vec3d):
 
 
 @wp.func
-def sphere_span(o: wp.vec3d, d: wp.vec3d):
+def sphere_span(o: wp.vec3d, d: wp.vec3d, grow: wp.float64):
     # From the point that is closest to the centre: no cancellation, however far away the ray begins.
     speed = wp.dot(d, d)
     closest = -wp.dot(o, d) / speed
     p = o + closest * d
-    inside = wp.float64(1.0) - wp.dot(p, p)
+    radius = wp.max(wp.float64(1.0) + grow, wp.float64(0.0))
+    inside = radius * radius - wp.dot(p, p)
     near = FAR
     far = -FAR
     if inside > wp.float64(0.0):
@@ -139,15 +144,26 @@ KINDS = (PLANE, BOX, SPHERE)
 
 @cache
 def make_shapes(kinds):
-    """``stretch_inside(clip, origin, direction)``, ``is_inside(clip, p)`` and ``surface_of(clip, p)`` of clips of any
-    of the ``kinds``, in index coordinates; the gradient of ``surface_of`` is that in the shape's own.
+    """Functions of clips of any of the ``kinds``, in index coordinates:
+
+    ``stretch_inside(clip, origin, direction)``; ``near_surface(clip, origin, direction, start, end)``, the length
+    within that in which rounding may put a ray on either side; ``is_inside(clip, p)``; and ``surface_of(clip, p)``,
+    whose gradient is that in the shape's own coordinates.
     """
     span, inside, surface = _chained(kinds, 0)
 
     @wp.func
     def stretch_inside(clip: Clip, origin: wp.vec3d, direction: wp.vec3d):
-        near, far = span(clip.kind, clip.matrix @ origin + clip.offset, clip.matrix @ direction)
+        near, far = span(clip.kind, clip.matrix @ origin + clip.offset, clip.matrix @ direction, wp.float64(0.0))
         return near, far
+
+    @wp.func
+    def near_surface(clip: Clip, origin: wp.vec3d, direction: wp.vec3d, start: wp.float64, end: wp.float64):
+        o = clip.matrix @ origin + clip.offset
+        d = clip.matrix @ direction
+        near, far = span(clip.kind, o, d, clip.astray)
+        closer, closer_far = span(clip.kind, o, d, -clip.astray)
+        return apart(wp.vec2d(near, far), wp.vec2d(closer, closer_far), start, end)
 
     @wp.func
     def is_inside(clip: Clip, p: wp.vec3d):
@@ -158,7 +174,7 @@ def make_shapes(kinds):
         level, slope = surface(clip.kind, clip.matrix @ p + clip.offset)
         return level, slope
 
-    return stretch_inside, is_inside, surface_of
+    return stretch_inside, near_surface, is_inside, surface_of
 
 
 def _chained(kinds, number):
@@ -169,11 +185,11 @@ def _chained(kinds, number):
     other_span, other_inside, other_surface = (None,) * 3 if last else _chained(kinds, number + 1)
 
     @wp.func
-    def span(kind: int, o: wp.vec3d, d: wp.vec3d):
-        near, far = here_span(o, d)
+    def span(kind: int, o: wp.vec3d, d: wp.vec3d, grow: wp.float64):
+        near, far = here_span(o, d, grow)
         if wp.static(not last):
             if kind != wp.static(number):
-                near, far = other_span(kind, o, d)
+                near, far = other_span(kind, o, d, grow)
         return near, far
 
     @wp.func

@@ -5,10 +5,11 @@ from functools import cache
 
 import warp as wp
 
+from ..field.walk import ahead
 from ..segment import over
 from .labels import make_label_span, make_labels
 from .shapes import KINDS
-from .volumes import make_clip_span, make_clipping, make_cut_normal
+from .volumes import make_clip_span, make_clipping, make_cut_normal, make_near_surfaces
 
 
 @dataclass(frozen=True)
@@ -52,28 +53,33 @@ def _make_struct(volumes, labels, real):
 @cache
 def make_span(halves):
     """``span(scene, origin, direction, t, length)`` -> the transfer function that holds from t on, negative where
-    nothing is visible, and until where: more than t, at most ``length``.
+    nothing is visible; until where: more than t, at most ``length``; and of a march that is ``bounded`` the length of
+    that in which it may be another one.
     """
     Scene = halves.Scene
     cuts = halves.cuts
     clipped = cuts.clipped
     labelled = cuts.labels is not None
-    clip_span = make_clip_span(cuts.kinds, cuts.volumes)
-    label_span = make_label_span(cuts.labels or wp.uint8, halves.real)
+    clip_span = make_clip_span(cuts.kinds, cuts.volumes, halves.march.bounded)
+    label_span = make_label_span(cuts.labels or wp.uint8, halves.real, halves.march.bounded)
 
     @wp.func
     def span(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, t: wp.float64, length: wp.float64):
         state = int(0)
         until = length
+        # What begins right behind t is not looked for.
+        loose = ahead(t) - t
         if wp.static(clipped):
-            visible, until = clip_span(scene.cuts.clipping, origin, direction, t, length)
+            visible, until, unsure = clip_span(scene.cuts.clipping, origin, direction, t, length)
             state = wp.where(visible, 0, -1)
+            loose += unsure
         if wp.static(labelled):
             if state >= 0:
-                state, until = label_span(scene.cuts.labels, origin, direction, t, until)
+                state, until, unsure = label_span(scene.cuts.labels, origin, direction, t, until, scene.view.astray)
+                loose += unsure
                 if state >= scene.cuts.labels.transfers.shape[0]:
                     state = -1
-        return state, until
+        return state, until, loose
 
     return span
 
@@ -84,7 +90,9 @@ def make_stretches(halves):
     Scene = halves.Scene
     cuts = halves.cuts
     march = halves.march.march(halves)
+    bounded = halves.march.bounded
     span = make_span(halves)
+    near_surfaces = make_near_surfaces(cuts.kinds, cuts.volumes)
     cut_normal = make_cut_normal(cuts.kinds, cuts.volumes)
     lit = halves.light is not None and cuts.clipped
 
@@ -96,15 +104,23 @@ def make_stretches(halves):
         bound = wp.float64(0.0)
         opaque = scene.opaque
         scene.whole = stop - start
+        if wp.static(bounded):
+            # That a piece may change a channel by, in parts of its opacity.
+            most = scene.march.brightest + scene.march.tinted
+            if wp.static(cuts.clipped):
+                loose = near_surfaces(scene.cuts.clipping, origin, direction, start, stop)
+                bound = most * wp.min(one, scene.march.densest * loose)
         t = start
         while t < stop and ray[3] <= opaque:
-            state, until = span(scene, origin, direction, t, stop)
+            state, until, loose = span(scene, origin, direction, t, stop)
+            clear = one - ray[3]
+            if wp.static(bounded):
+                bound += clear * most * wp.min(one, scene.march.densest * loose)
             if state >= 0:
                 if wp.static(cuts.labels is not None):
                     scene.transfer = scene.cuts.labels.transfers[state]
                     if wp.static(halves.march.tabled):
                         scene.table = scene.cuts.labels.tables[state]
-                clear = one - ray[3]
                 scene.opaque = one - (one - opaque) / wp.max(clear, wp.float64(1.0e-300))
                 if wp.static(lit):
                     reach = wp.float64(1.0e-6) * scene.view.unit

@@ -9,10 +9,10 @@ from functools import cache
 import warp as wp
 
 from ..field.blocks import BITS
-from ..field.cell import cubic, make_corners, rise, vec8d
+from ..field.cell import SHORT, cubic, length_within, make_corners, rise, vec8d
 from ..field.samples import make_value
 from ..field.walk import ahead, cell_at, make_walk
-from ..ray import FAR, inside, inverted
+from ..ray import FAR, inside, inverted, near_faces
 from .shapes import Clip, make_shapes, nearest_face
 
 
@@ -34,6 +34,8 @@ def make_clipping(dtype):
         high: wp.vec3d
         matrix: wp.mat33d  # from the index coordinates of the scene's volume to its own
         offset: wp.vec3d
+        astray: wp.float64  # how far rounding may put a ray from where it should be, in its own index coordinates
+        extent: wp.vec2d  # range and largest size of all samples
 
     @wp.struct
     class Clipping:
@@ -46,25 +48,76 @@ def make_clipping(dtype):
     return ClipVolume, Clipping
 
 
+@wp.func
+def blurred(span: wp.float64, size: wp.float64, astray: wp.float64):
+    """What a field along a ray may be off by where samples are in a ``span`` and up to a ``size``, and the ray is
+    astray by so much in the field's index coordinates (docs/proof.md, lemma 11).
+    """
+    return span * (wp.float64(3.0) * astray + wp.float64(wp.static(2.0**-45))) + size * wp.float64(wp.static(2.0**-49))
+
+
 @cache
-def make_clip_span(kinds, dtype):
-    """``clip_span(clipping, origin, direction, t, length)``: whether a ray is visible from t on, and until where."""
+def make_clip_span(kinds, dtype, bounded=False):
+    """``clip_span(clipping, origin, direction, t, length)``: whether a ray is visible from t on, and until where; and
+    ``bounded``, on how much of that rounding may decide but for what ``near_surfaces`` has.
+    """
     ClipVolume, Clipping = make_clipping(dtype)
     _, corners = make_corners(dtype)
     _, enter, leap, _ = make_walk(wp.float64)
-    stretch_inside, _, _ = make_shapes(kinds)
+    stretch_inside, *_ = make_shapes(kinds)
+
+    @wp.func
+    def loose_in(
+        clip: ClipVolume,
+        cell: wp.vec3i,
+        bits: int,
+        level: wp.vec4d,
+        span: wp.vec2d,
+        origin: wp.vec3d,
+        direction: wp.vec3d,
+        stretch: wp.vec2d,
+    ):
+        """How much is loose of a stretch of ray in a cell, or a block of ``1 << bits`` along each axis, whose samples
+        are in a ``span`` and where the field less iso is the cubic ``level``: what is near enough to iso for any cell,
+        or if that is long for the cell itself, and what is near the faces to others.
+        """
+        size = wp.float64(1 << bits)
+        low = wp.vec3d(wp.float64(cell[0]), wp.float64(cell[1]), wp.float64(cell[2]))
+        high = low + wp.vec3d(size, size, size)
+        for a in range(3):
+            if clip.field.last[a] == 0:
+                # One layer of cells has no faces inside the box.
+                low[a] -= size
+                high[a] += size
+        length = stretch[1] - stretch[0]
+        loose = length
+        if span[0] < span[1]:
+            loose = length_within(level, length, blurred(clip.extent[0], clip.extent[1], clip.astray))
+        if loose > wp.float64(SHORT) * length:
+            faces = near_faces(low, high, origin, inverted(direction), clip.astray, stretch[0], stretch[1])
+            if span[0] < span[1]:
+                most = wp.max(wp.abs(span[0]), wp.abs(span[1]))
+                faces += length_within(level, length, blurred(span[1] - span[0], most, clip.astray))
+            loose = wp.min(loose, faces)
+        return loose
 
     @wp.func
     def volume_span(clip: ClipVolume, origin: wp.vec3d, direction: wp.vec3d, t: wp.float64, length: wp.float64):
-        """Whether the field is at least iso from t on, and until where that is known not to change."""
+        """Whether the field is at least iso from t on, until where that is known not to change, and how much of that
+        is loose but for the box's faces.
+        """
+        loose = wp.float64(0.0)
+        blur = wp.float64(0.0)
+        if wp.static(bounded):
+            blur = blurred(clip.extent[0], clip.extent[1], clip.astray)
         o = clip.matrix @ origin + clip.offset
         d = clip.matrix @ direction
         near, far = inside(clip.low, clip.high, o, inverted(d), -FAR, FAR)
         here = ahead(t)
         if here >= far or near >= far:
-            return False, FAR
+            return False, FAR, loose
         if here < near:
-            return False, near
+            return False, near, loose
         above = bool(False)
         known = bool(False)
         w = enter(clip.field.last, o, d, here)
@@ -77,7 +130,7 @@ def make_clip_span(kinds, dtype):
             high = wp.float64(span[1])
             bits = int(BITS)
             c = vec8d()
-            if low < clip.iso and high >= clip.iso:
+            if low < high and low - blur < clip.iso and high + blur >= clip.iso:
                 bits = 0
                 c = corners(clip.field, i, j, k)
                 low = wp.min(c)
@@ -86,28 +139,38 @@ def make_clip_span(kinds, dtype):
             # The outermost cells end with the box.
             after.t = wp.where(after.t >= w.out, far, wp.min(after.t, far))
             if after.t > w.t:
+                level = wp.vec4d()
+                if low - blur < clip.iso and high + blur >= clip.iso:
+                    corner = wp.vec3d(wp.float64(i), wp.float64(j), wp.float64(k))
+                    level = cubic(c, o + w.t * d - corner, d)
+                    level[0] -= clip.iso
+                    if wp.static(bounded):
+                        # A block of equal samples is as large as it is.
+                        cells = wp.vec3i(i >> bits << bits, j >> bits << bits, k >> bits << bits)
+                        loose += loose_in(clip, cells, bits, level, wp.vec2d(low, high), o, d, wp.vec2d(w.t, after.t))
                 if low >= clip.iso or high < clip.iso:
                     if known and above != (low >= clip.iso):
-                        return above, w.t
+                        return above, w.t, loose
                     above = low >= clip.iso
                 else:
-                    local = o + w.t * d - wp.vec3d(wp.float64(i), wp.float64(j), wp.float64(k))
-                    level = cubic(c, local, d)
-                    level[0] -= clip.iso
                     if not known:
                         above = level[0] >= wp.float64(0.0)
-                    u = rise(wp.where(above, -level, level), after.t - w.t)
+                    # Beyond rounding: a ray in the surface would change sides without end.
+                    level = wp.where(above, -level, level)
+                    level[0] -= blurred(high - low, wp.max(wp.abs(low), wp.abs(high)), wp.float64(0.0))
+                    u = rise(level, after.t - w.t)
                     if u < after.t - w.t:
-                        return above, w.t + u
+                        return above, w.t + u, loose
                 known = True
             w = after
-        return above, w.t
+        return above, w.t, loose
 
     @wp.func
     def clip_span(clipping: Clipping, origin: wp.vec3d, direction: wp.vec3d, t: wp.float64, length: wp.float64):
         # Visible until the first of all clips ends; else at least until the last of those that hide it does.
         visible = bool(True)
         until = length
+        loose = wp.float64(0.0)
         for n in range(clipping.shapes.shape[0] + clipping.volumes.shape[0]):
             shown = bool(False)
             end = FAR
@@ -123,7 +186,8 @@ def make_clip_span(kinds, dtype):
                 shown = within != clip.invert
             else:
                 volume = clipping.volumes[n - clipping.shapes.shape[0]]
-                known, changes = volume_span(volume, origin, direction, t, length)
+                known, changes, unsure = volume_span(volume, origin, direction, t, length)
+                loose += unsure
                 shown = known != volume.invert
                 end = changes
             if shown:
@@ -132,9 +196,32 @@ def make_clip_span(kinds, dtype):
             else:
                 until = wp.where(visible, end, wp.max(until, end))
                 visible = False
-        return visible, wp.min(until, length)
+        return visible, wp.min(until, length), loose
 
     return clip_span
+
+
+@cache
+def make_near_surfaces(kinds, dtype):
+    """``near_surfaces(clipping, origin, direction, start, stop)``: length of a ray that is so near to surfaces of
+    shapes and to faces of clip volumes' boxes that rounding may put it on either side (docs/proof.md, lemma 11).
+    """
+    _, Clipping = make_clipping(dtype)
+    _, near_surface, _, _ = make_shapes(kinds)
+
+    @wp.func
+    def near_surfaces(clipping: Clipping, origin: wp.vec3d, direction: wp.vec3d, start: wp.float64, stop: wp.float64):
+        length = wp.float64(0.0)
+        for n in range(clipping.shapes.shape[0]):
+            length += near_surface(clipping.shapes[n], origin, direction, start, stop)
+        for n in range(clipping.volumes.shape[0]):
+            clip = clipping.volumes[n]
+            o = clip.matrix @ origin + clip.offset
+            inverse = inverted(clip.matrix @ direction)
+            length += near_faces(clip.low, clip.high, o, inverse, clip.astray, start, stop)
+        return length
+
+    return near_surfaces
 
 
 @cache
@@ -142,7 +229,7 @@ def make_shown(kinds, dtype):
     """``shown(clipping, p)``: whether a point is visible to the naive clips."""
     _, Clipping = make_clipping(dtype)
     value = make_value(dtype, wp.float64)
-    _, is_inside, _ = make_shapes(kinds)
+    *_, is_inside, _ = make_shapes(kinds)
 
     @wp.func
     def shown(clipping: Clipping, p: wp.vec3d):
@@ -172,7 +259,7 @@ def make_cut_normal(kinds, dtype):
     """
     ClipVolume, Clipping = make_clipping(dtype)
     _, corners = make_corners(dtype)
-    _, _, surface_of = make_shapes(kinds)
+    *_, surface_of = make_shapes(kinds)
 
     @wp.func
     def gradient(clip: ClipVolume, q: wp.vec3d):

@@ -154,6 +154,50 @@ def rise(c: wp.vec4d, end: wp.float64):
     return found
 
 
+# In parts of a cell's length, what is not worth being known more exactly.
+SHORT = wp.constant(1.0e-9)
+
+
+@wp.func
+def length_within(c: wp.vec4d, end: wp.float64, e: wp.float64):
+    """Length inside (0, end) along which a cubic is within e of zero, or a little more."""
+    last = at(c, end)
+    slope = wp.abs(c[1]) - end * (wp.float64(2.0) * wp.abs(c[2]) + end * wp.float64(3.0) * wp.abs(c[3]))
+    if wp.float64(2.0) * e < wp.float64(SHORT) * end * slope:
+        # It is nowhere less steep than that.
+        if wp.min(c[0], last) > e or wp.max(c[0], last) < -e:
+            return wp.float64(0.0)
+        return wp.float64(2.0) * e / slope
+    first, second = turns(c, end)
+    start = wp.float64(0.0)
+    total = wp.float64(0.0)
+    for stretch in range(3):
+        # Monotone up to here.
+        stop = end
+        if stretch == 0:
+            stop = first
+        elif stretch == 1:
+            stop = second
+        sign = wp.where(at(c, stop) > at(c, start), wp.float64(1.0), wp.float64(-1.0))
+        low = sign * at(c, start)
+        high = sign * at(c, stop)
+        if stop > start and low <= e and high >= -e:
+            rising = sign * c
+            slope = (high - low) / (stop - start)
+            near = start
+            far = stop
+            if low < -e:
+                p = vec5d(rising[0] + e, rising[1], rising[2], rising[3], wp.float64(0.0))
+                near = zero(p, start, stop, start - (low + e) / slope, wp.float64(1.0))
+            if high > e:
+                p = vec5d(rising[0] - e, rising[1], rising[2], rising[3], wp.float64(0.0))
+                far = zero(p, start, stop, near + wp.float64(2.0) * e / slope, wp.float64(1.0))
+            # Where they are is known to 4e-16 of the length.
+            total += wp.max(far - near, wp.float64(0.0)) + wp.float64(1.0e-15) * end
+        start = stop
+    return wp.min(total, end)
+
+
 @cache
 def make_cubic(dtype):
     """``cubic`` of ``grid.Grid``."""

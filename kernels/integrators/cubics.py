@@ -156,11 +156,9 @@ def make_cubics(halves):
         if x > real(0.0):
             A = opacity(x)
             V, off = tilt(c.m[1], c.m[2], c.m[3], R, real(0.5) * x, real(0.5) * c.length * slope[3], A)
-            error = off * steepest(slope)
+            second = closer(c.m[2], R, real(0.5) * x, real(0.5) * c.length * slope[3])
+            error = wp.where(second < off, second, off) * steepest(slope)
             good = error <= scene.march.tolerance * A
-            if not good:
-                error = closer(c.m[2], R, real(0.5) * x, real(0.5) * c.length * slope[3]) * steepest(slope)
-                good = error <= scene.march.tolerance * A
             if not good:
                 error = real(0.0)
             if wp.static(sharp):

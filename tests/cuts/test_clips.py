@@ -259,7 +259,7 @@ def test_cut_normals():
     to_index = np.linalg.inv(volume.index_to_world)
     for clip, point, expected in cases:
         dtype = wp.float64 if isinstance(clip, wvr.ClipVolume) else wp.uint8
-        clipping = clipping_struct((clip,), volume.index_to_world, Keeper(get_device("cpu")))
+        clipping = clipping_struct((clip,), volume, Keeper(get_device("cpu")))
         result = wp.zeros(1, dtype=wp.vec3d, device="cpu")
         place = wp.vec3d(*(to_index[:3, :3] @ point + to_index[:3, 3]))
         wp.launch(make_normals(dtype), 1, [clipping, wp.mat33d(*to_index[:3, :3].ravel()), place, result], device="cpu")

@@ -22,7 +22,7 @@ def radius(p: wp.vec3d):
 
 
 @wp.func
-def span(o: wp.vec3d, d: wp.vec3d):
+def span(o: wp.vec3d, d: wp.vec3d, grow: wp.float64):
     near = -FAR
     far = FAR
     speed = d[0] * d[0] + d[1] * d[1]
@@ -30,14 +30,15 @@ def span(o: wp.vec3d, d: wp.vec3d):
     closest = wp.float64(0.0)
     if speed > wp.float64(0.0):
         closest = -(o[0] * d[0] + o[1] * d[1]) / speed
-    within = ONE - wp.pow(radius(o + closest * d), wp.float64(2.0))
+    wide = wp.max(ONE + grow, wp.float64(0.0))
+    within = wide * wide - wp.pow(radius(o + closest * d), wp.float64(2.0))
     if within <= wp.float64(0.0):
         far = -FAR
     elif speed > wp.float64(0.0):
         half = wp.sqrt(within / speed)
         near = closest - half
         far = closest + half
-    near, far = slab(o[2], d[2], -ONE, ONE, near, far)
+    near, far = slab(o[2], d[2], -(ONE + grow), ONE + grow, near, far)
     return near, far
 
 
@@ -77,4 +78,4 @@ class ClipCylinder(Shape):
             raise ValueError(f"start and end must not be the same, got {self.start!r}")
         across = np.linalg.svd(axis[None])[2][1:]  # two unit vectors at right angles to the axis and each other
         matrix = np.vstack([across / positive(self.radius, "radius"), axis / (axis @ axis)])
-        self.define(matrix, -matrix @ (start + end) / 2, start=start, end=end)
+        self.define(matrix, (start + end) / 2, start=start, end=end)

@@ -43,20 +43,22 @@ class Shape(Clip):
     """
 
     half: ClassVar[Any]
-    world_to_shape: Floats = field(init=False, repr=False, compare=False)
+    to_shape: Floats = field(init=False, repr=False, compare=False)
+    shape_origin: Floats = field(init=False, repr=False, compare=False)
 
-    def define(self, matrix: Floats, offset: Floats, **vectors: Floats) -> None:
-        """The map: p in the world to ``matrix @ p + offset``. Equal vectors make equal clips; arrays would not."""
+    def define(self, matrix: Floats, origin: Floats, **vectors: Floats) -> None:
+        """The map: p in the world to ``matrix @ (p - origin)``. Equal vectors make equal clips; arrays would not."""
         for name, vector in vectors.items():
             object.__setattr__(self, name, tuple(vector.tolist()))
-        object.__setattr__(self, "world_to_shape", np.column_stack([matrix, offset]))
+        object.__setattr__(self, "to_shape", matrix)
+        object.__setattr__(self, "shape_origin", origin)
 
     def holds(self, points: Floats) -> NDArray[np.bool_] | None:
         """Which points of its own coordinates (n, 3) are inside; None where a subclass does not say."""
         return None
 
     def keeps(self, points: Floats) -> NDArray[np.bool_]:
-        inside = self.holds(points @ self.world_to_shape[:, :3].T + self.world_to_shape[:, 3])
+        inside = self.holds((points - self.shape_origin) @ self.to_shape.T)
         return super().keeps(points) if inside is None else inside ^ self.invert
 
 

@@ -50,9 +50,9 @@ class ClipPlane(Shape):
         # Scaled first, so that no square under- or overflows.
         unit = normal / np.abs(normal).max()
         unit /= np.linalg.norm(unit)
-        matrix, offset = np.zeros((3, 3)), np.zeros(3)
-        matrix[0], offset[0] = unit, -unit @ point
-        self.define(matrix, offset, point=point, normal=normal)
+        matrix = np.zeros((3, 3))
+        matrix[0] = unit
+        self.define(matrix, point, point=point, normal=normal)
 
     def holds(self, points: Floats) -> NDArray[np.bool_]:
         return points[:, 0] >= 0
@@ -89,7 +89,7 @@ class ClipBox(Shape):
         if np.any(lo >= hi):
             raise ValueError(f"lo must be below hi along x, y and z, got lo = {self.lo!r} and hi = {self.hi!r}")
         half = (hi - lo) / 2
-        self.define(np.diag(1 / half), -(lo + half) / half, lo=lo, hi=hi)
+        self.define(np.diag(1 / half), lo + half, lo=lo, hi=hi)
 
     def holds(self, points: Floats) -> NDArray[np.bool_]:
         return np.abs(points).max(axis=1) <= 1
@@ -125,7 +125,7 @@ class ClipSphere(Shape):
     def __post_init__(self) -> None:
         center = finite_vector(self.center, "center", "the centre of the sphere")
         radius = positive(self.radius, "radius")
-        self.define(np.eye(3) / radius, -center / radius, center=center)
+        self.define(np.eye(3) / radius, center, center=center)
 
     def holds(self, points: Floats) -> NDArray[np.bool_]:
         return np.linalg.norm(points, axis=1) <= 1

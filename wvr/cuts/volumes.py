@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ..field.base import Field
 from ..field.blocks import Ranges
 from ..field.samples import Data, samples_struct
 from ..keep import Keeper, Part
@@ -22,6 +23,9 @@ from .base import Clip, Shape
 
 if TYPE_CHECKING:
     from ..scene import Scene
+
+# What a map to a clip's own coordinates rounds, in parts of the numbers that it is made of (docs/proof.md, lemma 11).
+ROUNDED = 2.0**-47
 
 
 @dataclass(frozen=True)
@@ -112,16 +116,28 @@ def clip_kinds(clips: tuple[Clip, ...]) -> tuple:
     return (*KINDS, *(half for half in own if half not in KINDS))
 
 
-def clipping_struct(clips: tuple[Clip, ...], to_world: NDArray[np.float64], keep: Keeper, naive: bool = False) -> Any:
-    """The struct of all clips, ``naive`` or as they are, for a volume that ``to_world`` places."""
+def clipping_struct(
+    clips: tuple[Clip, ...], volume: Field, keep: Keeper, astray: float = 0.0, naive: bool = False
+) -> Any:
+    """The struct of all clips, ``naive`` or as they are, for a volume whose rays may be ``astray`` by so much."""
+    to_world = volume.index_to_world
+    reach = np.abs(to_world[:3, :3]) @ np.abs(volume.index_box).max(axis=0)  # of its box from its origin
     dtype, kinds = clip_dtype(clips), clip_kinds(clips)
     VolumeStruct, Clipping = make_clipping(wp.dtype_from_numpy(dtype))
 
-    def placed(struct: Any, clip: Clip, matrix: NDArray[np.floating], offset: NDArray[np.floating]) -> Any:
-        """World p to matrix @ p in the clip's own coordinates, the origin of ``to_world`` to ``offset``."""
+    def placed(struct: Any, clip: Clip, matrix: NDArray, origin: NDArray, parts: NDArray | None = None) -> Any:
+        """World p to matrix @ (p - origin) in the clip's own coordinates, which rounds the matrix in ``parts``: None,
+        where matrix and origin are each rounded a few times.
+        """
+        to_own = matrix @ to_world[:3, :3]
+        # Of the distance between both, which loses no digits of where they are in the world.
+        apart = to_world[:3, 3] - origin
         struct.invert = clip.invert
-        struct.matrix = wp.mat33d(*(matrix @ to_world[:3, :3]).ravel())
-        struct.offset = wp.vec3d(*offset)
+        struct.matrix = wp.mat33d(*to_own.ravel())
+        struct.offset = wp.vec3d(*(matrix @ apart))
+        sizes = reach + np.abs(apart)
+        rounded = np.abs(matrix) @ (sizes + np.abs(origin)) + 1 if parts is None else parts @ sizes
+        struct.astray = float(np.linalg.norm(2 * astray * np.abs(to_own).sum(axis=1) + ROUNDED * rounded))
         return struct
 
     groups: dict[str, list[Any]] = {}
@@ -129,17 +145,18 @@ def clipping_struct(clips: tuple[Clip, ...], to_world: NDArray[np.float64], keep
         if isinstance(clip, ClipVolume):
             own = clip.volume.index_to_world
             to_own = np.linalg.inv(own[:3, :3])
-            # Of the distance between both, which loses no digits of where they are in the world.
-            struct = placed(VolumeStruct(), clip, to_own, to_own @ (to_world[:3, 3] - own[:3, 3]))
+            parts = np.abs(to_own) @ np.abs(own[:3, :3]) @ np.abs(to_own)
+            struct = placed(VolumeStruct(), clip, to_own, own[:3, 3], parts)
             data, struct.ranges = keep(ClipData(clip.volume.part(), dtype.name))
             struct.field = samples_struct(data)
             struct.iso = float(clip.iso)
+            low, high = map(float, clip.volume.range)
+            struct.extent = wp.vec2d(high - low, max(abs(low), abs(high)))
             struct.low, struct.high = (wp.vec3d(*corner) for corner in clip.volume.index_box)
             name = "naive_volumes" if clip.naive or naive else "partial_volumes" if clip.parts else "volumes"
         else:
             assert isinstance(clip, Shape)
-            matrix = clip.world_to_shape[:3, :3]
-            struct = placed(ClipStruct(), clip, matrix, matrix @ to_world[:3, 3] + clip.world_to_shape[:3, 3])
+            struct = placed(ClipStruct(), clip, clip.to_shape, clip.shape_origin)
             struct.kind = kinds.index(clip.half)
             name = "naive_shapes" if clip.naive or naive else "shapes"
         groups.setdefault(name, []).append(struct)
