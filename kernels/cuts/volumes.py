@@ -77,9 +77,9 @@ def make_clip_span(kinds, dtype, bounded=False):
         direction: wp.vec3d,
         stretch: wp.vec2d,
     ):
-        """How much is loose of a stretch of ray in a cell, or a block of ``1 << bits`` along each axis, whose samples
-        are in a ``span`` and where the field less iso is the cubic ``level``: what is near enough to iso for any cell,
-        or if that is long for the cell itself, and what is near the faces to others.
+        """How much is loose at most of a stretch of ray in a cell, or a block of ``1 << bits`` along each axis, whose
+        samples are in a ``span`` and where the field less iso is the cubic ``level``: what is near enough to iso for
+        the cell itself, and what is near the faces to others.
         """
         size = wp.float64(1 << bits)
         low = wp.vec3d(wp.float64(cell[0]), wp.float64(cell[1]), wp.float64(cell[2]))
@@ -89,16 +89,10 @@ def make_clip_span(kinds, dtype, bounded=False):
                 # One layer of cells has no faces inside the box.
                 low[a] -= size
                 high[a] += size
-        length = stretch[1] - stretch[0]
-        loose = length
+        loose = near_faces(low, high, origin, inverted(direction), clip.astray, stretch[0], stretch[1])
         if span[0] < span[1]:
-            loose = length_within(level, length, blurred(clip.extent[0], clip.extent[1], clip.astray))
-        if loose > wp.float64(SHORT) * length:
-            faces = near_faces(low, high, origin, inverted(direction), clip.astray, stretch[0], stretch[1])
-            if span[0] < span[1]:
-                most = wp.max(wp.abs(span[0]), wp.abs(span[1]))
-                faces += length_within(level, length, blurred(span[1] - span[0], most, clip.astray))
-            loose = wp.min(loose, faces)
+            most = wp.max(wp.abs(span[0]), wp.abs(span[1]))
+            loose += length_within(level, stretch[1] - stretch[0], blurred(span[1] - span[0], most, clip.astray))
         return loose
 
     @wp.func
@@ -145,9 +139,17 @@ def make_clip_span(kinds, dtype, bounded=False):
                     level = cubic(c, o + w.t * d - corner, d)
                     level[0] -= clip.iso
                     if wp.static(bounded):
-                        # A block of equal samples is as large as it is.
-                        cells = wp.vec3i(i >> bits << bits, j >> bits << bits, k >> bits << bits)
-                        loose += loose_in(clip, cells, bits, level, wp.vec2d(low, high), o, d, wp.vec2d(w.t, after.t))
+                        # What is near enough to iso for any cell or, if that is long, for this one and at its faces.
+                        near_iso = after.t - w.t
+                        if low < high:
+                            near_iso = length_within(level, after.t - w.t, blur)
+                        if near_iso > wp.float64(SHORT) * (after.t - w.t):
+                            # A block of equal samples is as large as it is.
+                            cells = wp.vec3i(i >> bits << bits, j >> bits << bits, k >> bits << bits)
+                            span_of = wp.vec2d(low, high)
+                            stretch = wp.vec2d(w.t, after.t)
+                            near_iso = wp.min(near_iso, loose_in(clip, cells, bits, level, span_of, o, d, stretch))
+                        loose += near_iso
                 if low >= clip.iso or high < clip.iso:
                     if known and above != (low >= clip.iso):
                         return above, w.t, loose
