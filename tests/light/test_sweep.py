@@ -307,7 +307,7 @@ def test_skipping_changes_nothing(image):
 
 
 def test_memory_for_light_is_asked_for(blobs, smooth_tf, monkeypatch):
-    monkeypatch.setattr("wvr.frame._free_host_memory", lambda: 100e6)
+    monkeypatch.setattr("wvr.memory.free_host_memory", lambda: 100e6)
     renderer = wvr.Renderer(blobs, smooth_tf)
     without = renderer.render(wvr.Camera.fit(blobs), (8, 8)).stats["bytes"]
     renderer.shadows = wvr.ConvolutionShadows()
@@ -359,8 +359,8 @@ def test_bad_input(options, message):
 
 def test_bad_input_of_render(blobs, smooth_tf):
     camera = wvr.Camera.fit(blobs)
-    with pytest.raises(TypeError, match="shadows must be a ConvolutionShadows or None, got True"):
-        wvr.render(blobs, smooth_tf, camera, shadows=True)
+    with pytest.raises(TypeError, match="shadows must be a ConvolutionShadows or None, got 1.0"):
+        wvr.render(blobs, smooth_tf, camera, shadows=1.0)
     behind = wvr.DirectionalLight(np.subtract(camera.target, camera.position))
     with pytest.raises(ValueError, match=r"need light from the side of the viewer, got .* 180 degrees from the view"):
         shaded(blobs, smooth_tf, camera, light=behind, mode="view-aligned")
