@@ -357,7 +357,7 @@ def test_bad_input(make, message):
 
 def test_bad_input_of_render(blobs, smooth_tf):
     camera = wvr.Camera.fit(blobs)
-    with pytest.raises(TypeError, match="lighting must be a Lighting, True, False or None, .* got 1.0"):
+    with pytest.raises(TypeError, match=r"lighting must be a Lighting, True, False or None, .* got 1\.0"):
         wvr.render(blobs, smooth_tf, camera, lighting=1.0)
     with pytest.raises(ValueError, match='generator="approximate"'):
         wvr.render(
