@@ -264,7 +264,9 @@ def rolled(rng: Rng) -> Adversary:
     middle = volume.corners.mean(axis=0)
     way = rng.normal(size=3)
     way /= np.linalg.norm(way)
-    up = way + 10.0 ** rng.uniform(-8.5, -1) * np.cross(way, rng.normal(size=3))
+    up = way
+    while np.linalg.norm(np.cross(up / np.linalg.norm(up), way)) < 2e-9:  # nearer than that is refused
+        up = way + 10.0 ** rng.uniform(-8.5, -1) * np.cross(way, rng.normal(size=3))
     return Adversary(volume, function(rng, 0, 1), wvr.Camera(middle + 16 * way, middle, up))
 
 

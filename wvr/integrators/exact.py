@@ -29,7 +29,8 @@ class Exact(Integrator):
     -----
     Quadrature is off by at most 1e-12 of a piece's opacity, times what colour changes between two control points
     (``kernels.integrators.pieces.deepest`` has the proof); found were 4e-14 at most. With rounding, images are within
-    1e-12 of the truth, in parts of the brightest colour, in all scenes that were held against enclosures
+    1e-12 of the truth, 3e-12 where clips or labels cut, in parts of the brightest colour, in all scenes that were held
+    against enclosures
     (:func:`wvr.enclose`; docs/enclosure.md has the numbers) but where rounding of the scalar, some 1e-15 of the largest
     sample, or of lengths, some 1e-15 of the volume's, meets steep slopes: a spike as narrow as 1e-13 of the samples is
     off by up to 0.05, and a ray along a jump is on either side of it. Clips that are far away or large for the volume
