@@ -262,7 +262,8 @@ def make_certified(halves):
             for l in range(PACKET):
                 bent = scene.march.brightest * fade[l] * L[l] + tint[l] * A[l]
                 most = scene.march.tolerance * A[l] + real(1.0e-300)
-                if risk[l] > most:
+                # Light is better taken from more, shorter pieces.
+                if risk[l] > most and not wp.static(lighted):
                     risk[l] = closer(m2[l], R[l], real(0.5) * x[l], real(0.5) * dtau[l] * L[l]) * steep[l]
                 single[l] = single[l] and risk[l] <= most and bent <= most
                 risk[l] += bent

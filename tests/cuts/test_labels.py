@@ -160,13 +160,15 @@ def test_every_integrator_approaches_exact(integrator):
 
     def off(tf, **options):
         exact, image = (
-            wvr.render(volume, tf, camera, (24, 24), integrator=i, termination=0, **options)
+            wvr.render(volume, tf, camera, (24, 24), integrator=i, termination=0, precision="float64", **options)
             for i in (wvr.Exact(), integrator)
         )
         return max_error(image, exact.rgba), image, exact
 
     # Boundaries add nothing to what the integrator is off by in one volume.
-    accepted = 1.5 * max(off(SMOOTH)[0], off(SPARSE)[0]) + 1e-6
+    # Those of one that has a bound add pieces, each of which may spend its share: a quarter more was found.
+    most = 1.2 if off(SMOOTH)[1].error_bound is None else 1.25
+    accepted = most * max(off(SMOOTH)[0], off(SPARSE)[0]) + 1e-7
     for clip in (None, wvr.ClipSphere(middle(volume), 8 * volume.smallest_spacing)):
         error, image, exact = off(None, segmentation=segmentation, clip=clip)
         assert error < accepted and exact.rgba.any()
