@@ -22,7 +22,7 @@ from ..transfer.rows import Rows
 from .cubics import Cubic, from_start, make_cubics, make_shone
 from .packed import make_packed
 from .pieces import VALUE, make_jumps, make_pieces
-from .series import closer, make_series
+from .series import make_series
 
 
 @wp.struct
@@ -262,9 +262,6 @@ def make_certified(halves):
             for l in range(PACKET):
                 bent = scene.march.brightest * fade[l] * L[l] + tint[l] * A[l]
                 most = scene.march.tolerance * A[l] + real(1.0e-300)
-                # Light is better taken from more, shorter pieces.
-                if risk[l] > most and not wp.static(lighted):
-                    risk[l] = closer(m2[l], R[l], real(0.5) * x[l], real(0.5) * dtau[l] * L[l]) * steep[l]
                 single[l] = single[l] and risk[l] <= most and bent <= most
                 risk[l] += bent
                 if not wp.static(finite):
