@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test fuzz lint bench studies docs clean
+.PHONY: demo test fuzz cuda lint bench studies docs clean
 
 demo: .venv/ready
 	$(BIN)/python -m studies.demo
@@ -12,6 +12,10 @@ test: .venv/ready
 
 fuzz: .venv/ready
 	$(BIN)/python -m tests.fuzz --minutes $(or $(MINUTES),10)
+
+# Every kernel for CUDA, which needs no GPU; `make test` has a sample.
+cuda: .venv/ready
+	$(BIN)/wvr study cuda
 
 lint: .venv/ready
 	$(BIN)/ruff check .

@@ -46,6 +46,7 @@ NAMES = (
     "enclosure",
     "hunt",
     "faults",
+    "cuda",
     "gallery",
 )
 ROOT = Path(__file__).parents[1]

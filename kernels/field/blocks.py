@@ -93,7 +93,7 @@ def make_ranges(dtype):
     pair = wp.types.vector(2, dtype)
     name = {wp.float16: "float", wp.float32: "float", wp.float64: "double"}.get(dtype, f"wp::{dtype.__name__}")
     stored = "wp::half" if dtype is wp.float16 else name
-    largest, smallest = LIMITS.get(dtype, ("A(__builtin_inf())", "A(-__builtin_inf())"))
+    largest, smallest = LIMITS.get(dtype, ("A(INFINITY)", "A(-INFINITY)"))
     text = RANGES.replace("ACCUMULATOR", name).replace("STORED", stored)
     # What is not finite is no less than itself: no difference from itself is 0 then.
     text = text.replace("KNOWN", "" if dtype in LIMITS else "& s - s == A(0)")

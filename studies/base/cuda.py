@@ -1,0 +1,191 @@
+"""Which kernels a GPU would run, and what they are compiled to: NVRTC comes with Warp and needs no driver."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from itertools import product
+from pathlib import Path
+from shutil import which
+from typing import Any
+from unittest.mock import patch
+from warnings import catch_warnings, simplefilter
+
+import numpy as np
+import warp as wp
+
+import wvr
+import wvr.frame
+import wvr.launch
+from wvr.integrators import Integrator
+from wvr.kernels.field.strides import make_octants
+from wvr.light.lighting import MODES
+
+# The oldest that Warp's compiler knows; what is made for it runs on all later ones.
+ARCH = 75
+# Of vectors, as clang has them.
+HOST_ONLY = (make_octants,)
+
+TF = wvr.TransferFunction([(0, "black", 0.0), (90, "red", 0.0), (90, "gold", 0.2), (255, "white", 0.3)])
+INTEGRATORS: dict[str, Integrator] = {
+    "certified": wvr.Certified(1 / 512),
+    "exact": wvr.Exact(),
+    "riemann": wvr.Riemann(0.5),
+    "left": wvr.Riemann(0.5, "left"),
+    "trapezoid": wvr.Riemann(0.5, "trapezoid"),
+    "simpson": wvr.Simpson(0.5),
+    "preintegrated": wvr.Preintegrated(1.0),
+    "adaptive simpson": wvr.AdaptiveSimpson(1e-3),
+    "adaptive preintegrated": wvr.AdaptivePreintegrated(1e-3),
+}
+DTYPES = ("uint8", "int16", "float32", "float64", "float16", "uint16", "int8")
+
+
+def volume(dtype: str = "uint8", **options: Any) -> wvr.Volume:
+    return wvr.Volume(np.linspace(0, 100, 6**3).reshape(6, 6, 6).astype(dtype), **options)
+
+
+def scenes() -> dict[str, Callable[[], wvr.Image]]:
+    """By name, calls that between them ask for a kernel of every kind."""
+    box, ball = wvr.ClipBox((1, 1, 1), (4, 4, 4)), wvr.ClipSphere((2, 2, 2), 2.0, invert=True)
+    solid = wvr.ClipVolume(volume("float32"), 50.0)
+    labels = wvr.Segmentation((volume().numpy() > 50).astype(np.uint8), {0: TF, 1: TF})
+    extras: dict[str, dict[str, Any]] = {
+        "": {},
+        "lit": {"lighting": wvr.Lighting()},
+        "cut": {"clip": [box, ball]},
+        "float64": {"precision": "float64"},
+    }
+    calls: dict[str, Callable[[], wvr.Image]] = {}
+
+    def add(name: str, field: wvr.Volume, tf: Any = TF, **options: Any) -> None:
+        calls[name] = partial(wvr.render, field, tf, "iso", (16, 16), **({"lighting": False} | options))
+
+    for n, ((name, integrator), extra) in enumerate(product(INTEGRATORS.items(), extras)):
+        add(f"{name} {extra}".strip(), volume(DTYPES[n % 3]), integrator=integrator, **extras[extra])
+    for name in ("certified", "exact", "preintegrated", "adaptive simpson"):
+        options: dict[str, Any] = {"integrator": INTEGRATORS[name]}
+        add(f"{name} labels", volume(), None, segmentation=labels, **options)
+        add(f"{name} clip volume", volume(), clip=solid, **options)
+        add(f"{name} absent", volume("float32", nan="transparent"), **options)
+    for dtype in DTYPES:
+        add(f"riemann {dtype}", volume(dtype), integrator=wvr.Riemann(0.5))
+    for mode in MODES:
+        lighting = wvr.Lighting(mode, light=wvr.DirectionalLight((1, 1, 1)), gradient="cell")
+        add(f"preintegrated {mode}", volume(), integrator=wvr.Preintegrated(1.0), lighting=lighting)
+    for preintegrated in (False, True):
+        name = "preintegrated shadows" if preintegrated else "shadows"
+        shadows = wvr.ConvolutionShadows(preintegrated=preintegrated, subsamples=int(preintegrated))
+        add(f"{name} lit", volume(), lighting=wvr.Lighting(), shadows=shadows)
+        add(f"{name} labels cut", volume(), None, segmentation=labels, clip=box, shadows=shadows)
+    return calls
+
+
+@contextmanager
+def _asked_for(kernels: dict[wp.Kernel, str], name: str) -> Iterator[None]:
+    """Kernels that calls within would run on a GPU; rays are not cast."""
+    make, load = wvr.frame.make_raycast, wvr.launch._load
+
+    def made(halves: Any) -> None:
+        kernels.setdefault(make(replace(halves, vectors=False)), name)
+
+    def cast(_: None, inputs: list[Any], *__: Any) -> None:
+        for array in inputs[1:3]:
+            array.zero_()
+
+    def loaded(kernel: wp.Kernel, alias: str) -> None:
+        if kernel not in HOST_ONLY:
+            kernels.setdefault(kernel, f"{kernel.key.rpartition('__')[2]}, {name}")
+        load(kernel, alias)
+
+    with (
+        patch.object(wvr.frame, "make_raycast", made),
+        patch.object(wvr.frame, "launch_pixels", cast),
+        patch.object(wvr.launch, "_load", loaded),
+        catch_warnings(),
+    ):
+        simplefilter("ignore")  # of images of nothing
+        yield
+
+
+def kernels(names: list[str] | None = None) -> dict[wp.Kernel, str]:
+    """Of the scenes of these names, by default all: each kernel and the first that asks for it."""
+    found: dict[wp.Kernel, str] = {}
+    calls = scenes()
+    for name in calls if names is None else names:
+        with _asked_for(found, name):
+            calls[name]()
+    return found
+
+
+def compiled(kernel: wp.Kernel, folder: Path) -> Path:
+    """The file that a kernel is compiled to, in PTX.
+
+    Raises
+    ------
+    RuntimeError
+        Where it does not compile.
+    """
+    try:
+        (path,) = wp.compile_aot_module(kernel.module, arch=ARCH, module_dir=folder, use_ptx=True)
+    except Exception as error:  # of whatever kind
+        raise RuntimeError(f"does not compile for sm_{ARCH}: {error}") from error
+    text = path.read_text(errors="replace")
+    if f".target sm_{ARCH}" not in text or ".entry" not in text:
+        raise RuntimeError(f"has no entry for sm_{ARCH}")
+    return path
+
+
+def several(work: Callable[..., Any], jobs: Sequence[tuple]) -> list[Any]:
+    """``work`` of each, several at a time, since compilers let others run; errors in place of results."""
+
+    def one(job: tuple) -> Any:
+        try:
+            return work(*job)
+        except RuntimeError as error:
+            return error
+
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        return list(pool.map(one, jobs))
+
+
+def instructions(ptx: str) -> tuple[int, float]:
+    """How many instructions there are, and the share of them that are in or around float64."""
+    lines = [line.strip() for line in ptx.splitlines()]
+    every = [line for line in lines if line.endswith(";") and not line.startswith((".", "//"))]
+    return len(every), sum(".f64" in line for line in every) / max(1, len(every))
+
+
+def resources(path: Path, assembler: str) -> dict[str, int]:
+    """Registers a thread, and bytes of stack and spills, as ``ptxas`` says for an architecture."""
+    command = [assembler, "-v", f"-arch=sm_{ARCH}", "-o", os.devnull, str(path)]
+    said = subprocess.run(command, capture_output=True, text=True)
+    if said.returncode != 0:
+        raise RuntimeError(f"ptxas: {said.stderr.strip()}")
+    numbers = {
+        name: [int(n) for n in re.findall(pattern, said.stderr)]
+        for name, pattern in (
+            ("registers", r"Used (\d+) registers"),
+            ("stack [bytes]", r"(\d+) bytes stack frame"),
+            ("spills [bytes]", r"(\d+) bytes spill stores"),
+        )
+    }
+    return {name: max(found, default=0) for name, found in numbers.items()}
+
+
+def find_assembler() -> str | None:
+    """A ``ptxas`` that knows what Warp's compiler writes: of the wheel ``nvidia-cuda-nvcc``, or of the path."""
+    wheels = [path for folder in sys.path for path in sorted((Path(folder) / "nvidia").glob("*/bin/ptxas"))]
+    for path in map(str, filter(None, (*wheels, which("ptxas")))):
+        said = subprocess.run([path, "--version"], capture_output=True, text=True).stdout
+        release = re.search(r"release (\d+)\.(\d+)", said)
+        if release and tuple(map(int, release.groups())) >= wp.get_cuda_toolkit_version():
+            return path
+    return None
