@@ -23,7 +23,7 @@ SAMPLE = ["riemann float16", "preintegrated lit"]
 def row(kernel: wp.Kernel, name: str, folder: Path, assembler: str | None) -> dict[str, Any]:
     """What a kernel is compiled to."""
     path = cuda.compiled(kernel, folder)
-    count, share = cuda.instructions(path.read_text(errors="replace"))
+    count, share = cuda.instructions(path.read_text())
     result = {"kernel": name, "instructions": count, "float64 [%]": 100 * share}
     return result if assembler is None else result | cuda.resources(path, assembler)
 

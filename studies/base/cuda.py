@@ -137,7 +137,9 @@ def compiled(kernel: wp.Kernel, folder: Path) -> Path:
         (path,) = wp.compile_aot_module(kernel.module, arch=ARCH, module_dir=folder, use_ptx=True)
     except Exception as error:  # of whatever kind
         raise RuntimeError(f"does not compile for sm_{ARCH}: {error}") from error
-    text = path.read_text(errors="replace")
+    # The compiler's text is a string in C, with its last character.
+    text = path.read_bytes().rstrip(b"\0").decode()
+    path.write_text(text)
     if f".target sm_{ARCH}" not in text or ".entry" not in text:
         raise RuntimeError(f"has no entry for sm_{ARCH}")
     return path
