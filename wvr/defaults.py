@@ -271,7 +271,9 @@ def shadows_of(given: Any, lighting: Lighting | None, camera: Camera) -> Convolu
     """The shadows that are meant: True is those of the lighting's first light, or of that from the upper left."""
     if given is True:
         return ConvolutionShadows(light=(studio(camera) if lighting is None else lighting).lights[0])
-    return None if given is False else given
+    if given is None or given is False or isinstance(given, ConvolutionShadows):
+        return given or None
+    raise TypeError(f"shadows must be a ConvolutionShadows, True, False or None, got {given!r}")
 
 
 def studio(camera: Camera) -> Lighting:
