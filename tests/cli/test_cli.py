@@ -225,20 +225,8 @@ def test_movies_have_the_options_of_images(run, monkeypatch):
     monkeypatch.setattr(
         wvr, "orbit", lambda volume, frames, output, fps, elevation, turn, **keywords: passed.append(keywords)
     )
-    options = [
-        "--dataset-size",
-        "8",
-        "--tf",
-        "warm",
-        "--size",
-        "9x8",
-        "--shadows",
-        "on",
-        "--clip-box",
-        "0,0,0,4,4,4",
-        "--integrator",
-        "riemann:1",
-    ]
+    look = "--tf warm --size 9x8 --shadows on --clip-box 0,0,0,4,4,4 --integrator riemann:1"
+    options = ["--dataset-size", "8", *look.split()]
     with pytest.raises(ZeroDivisionError):
         run("render", "spheres", *options)
     assert run("orbit", "spheres", *options)[0] == 0
