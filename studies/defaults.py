@@ -40,12 +40,15 @@ def theirs(volume: wvr.Volume) -> Image.Image:
 
 
 def hero(paths: list[Path], output: Path) -> None:
-    """Two by two pictures with shadows."""
+    """Two by two pictures with shadows; prints the largest bound on the error of their opacities."""
+    error = 0.0
     picture = Image.new("RGB", (4 * TILE, 4 * TILE * -(-len(paths) // 2) // 2))
     for number, path in enumerate(paths):
         image = wvr.render(path, size=(2 * TILE, 2 * TILE), shadows=True)
+        error = max(error, image.max_error)
         picture.paste(Image.fromarray(image.to_uint8()), (number % 2 * 2 * TILE, number // 2 * 2 * TILE))
     picture.save(output / "hero.jpg", quality=88)
+    print(f"{output / 'hero.jpg'}: opacities are within {error:.2g}")
 
 
 def volumes(paths: list[Path]) -> list[tuple[str, wvr.Volume]]:

@@ -37,6 +37,19 @@ def test_nothing_to_see(points, message):
     assert [one.filename for one in caught] == [__file__]
 
 
+def test_what_is_opaque_but_small_or_out_of_view_is_not_called_faint():
+    """Among samples that are nothing, with or without skipping them."""
+    array = np.zeros((64, 64, 64), np.uint8)
+    array[:4] = 1
+    array[2, 2, 2] = 200
+    volume = wvr.Volume(array)
+    tf = wvr.TransferFunction([(0, "red", 0), (2, "red", 1e-6), (150, "red", 0), (200, "red", 0.9)])
+    with pytest.warns(UserWarning, match=r"^nothing is visible .*; what is opaque is small or out of view"):
+        wvr.render(
+            volume, tf, wvr.Camera((40, 40, 200), (40, 40, 0), (0, 1, 0), 1.0), (8, 8), integrator=wvr.Riemann(0.5)
+        )
+
+
 def test_nothing_in_view():
     with pytest.warns(UserWarning, match="no ray meets any of it"):
         rendered([(0, "red", 0), (255, "red", 0.5)], wvr.Camera((100, 0, 0), (200, 0, 0)))

@@ -9,7 +9,7 @@ from .cuts.labels import Segmentation
 from .cuts.shapes import ClipBox, ClipPlane, ClipSphere
 from .cuts.volumes import ClipVolume
 from .enclosure import Enclosure, enclose
-from .image import Image
+from .image import BoundedImage, Image
 from .integrators import AdaptivePreintegrated, AdaptiveSimpson, Certified, Exact, Preintegrated, Riemann, Simpson
 from .io import read, read_raw
 from .launch import Cancelled, get_num_threads, set_num_threads
@@ -29,6 +29,7 @@ from .warm_up import warm_up
 __all__ = [
     "AdaptivePreintegrated",
     "AdaptiveSimpson",
+    "BoundedImage",
     "Camera",
     "Cancelled",
     "Certified",

@@ -15,13 +15,15 @@ from .validation import outside
 NOTHING, FAINT = 1 / 255, 0.02
 # A smaller part of a transfer function than is ever meant: it is for other scalars.
 NARROW = 1 / 15
+# Optical depth of a ray that would show what it meets.
+OPAQUE = 1.0
 
 
 def advise(scene: Scene, image: Image) -> None:
     """Warn where there is nothing to see in an image, or the scalars are a small part of the transfer function's."""
     low, high = scene.volume.range
     data = f"the volume's scalars {f'go from {low:g} to {high:g}' if low < high else f'are all {low:g}'}"
-    shown = [span for span in map(_shown, scene.functions) if span is not None]
+    shown = [span for span in map(shown_by, scene.functions) if span is not None]
     most = float(image.rgba[..., 3].max())
     if most <= FAINT:
         begin, end = min((a for a, _ in shown), default=0.0), max((b for _, b in shown), default=0.0)
@@ -30,6 +32,10 @@ def advise(scene: Scene, image: Image) -> None:
             advice = "give it control points with opacity among them, or a preset that domain"
         elif not image.samples.any():
             advice = "no ray meets any of it: see that the camera looks at the volume (Camera.fit) and clips leave it"
+        elif _deepest(scene) > OPAQUE:
+            advice = (
+                "what is opaque is small or out of view: see where the camera looks, what clips leave, and wvr info"
+            )
         else:
             advice = "raise opacities, or make unit_distance smaller"
         little = "nothing" if most < NOTHING else "nearly nothing"
@@ -37,8 +43,7 @@ def advise(scene: Scene, image: Image) -> None:
     elif scene.segmentation is None:
         tf = scene.functions[0]
         first, last = float(tf.knots[0]), float(tf.knots[-1])
-        varies = bool(np.ptp(tf.opacities) or np.ptp(tf.colors, axis=0).any())
-        if varies and low < high and min(high, last) - max(low, first) < NARROW * (last - first):
+        if is_narrow(tf, low, high):
             _warn(
                 f"{data}, a small part of the transfer function's, from {first:g} to {last:g}, so that all looks much "
                 f"the same: if it is for others, such as Hounsfield units, pass it domain=({low:g}, {high:g}), "
@@ -46,7 +51,22 @@ def advise(scene: Scene, image: Image) -> None:
             )
 
 
-def _shown(tf: TransferFunction) -> tuple[float, float] | None:
+def is_narrow(tf: TransferFunction, low: float, high: float) -> bool:
+    """Whether scalars between the two are so small a part of a transfer function that it is hardly meant for them."""
+    first, last = float(tf.knots[0]), float(tf.knots[-1])
+    varies = bool(np.ptp(tf.opacities) or np.ptp(tf.colors, axis=0).any())
+    return varies and low < high and min(high, last) - max(low, first) < NARROW * (last - first)
+
+
+def _deepest(scene: Scene) -> float:
+    """Optical depth of the longest ray, if all of it were as opaque as the most opaque scalar that there is."""
+    low, high = scene.volume.range
+    ends = [np.append(tf.knots[(tf.knots > low) & (tf.knots < high)], (low, high)) for tf in scene.functions]
+    most = max(float(tf.extinction(s, scene.unit).max()) for tf, s in zip(scene.functions, ends, strict=True))
+    return most * scene.unit * scene.volume.longest
+
+
+def shown_by(tf: TransferFunction) -> tuple[float, float] | None:
     """The first and last scalar with any opacity."""
     opaque = np.flatnonzero(tf.opacities)
     if not len(opaque):

@@ -289,7 +289,7 @@ def image_size(size: Any) -> tuple[int, int]:
     try:
         width, height = (index(n) for n in size)
     except (TypeError, ValueError):
-        raise ValueError(f"size must be two integers (width, height), got {size!r}") from None
+        raise ValueError(f"size must be two integers (width, height), such as (512, 512), got {size!r}") from None
     if width < 1 or height < 1:
         raise ValueError(f"size must be (width, height), each >= 1, got {size!r}")
     return width, height

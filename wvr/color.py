@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .validation import near
+
 PLAIN = {"black": "#000000", "white": "#ffffff"}
 ACCEPTED = "a colour name, '#rrggbb', or three finite linear numbers >= 0"
 
@@ -53,7 +55,9 @@ def linear_rgb(color: str | Sequence[float], name: str = "color") -> NDArray[np.
         try:
             *encoded, alpha = to_rgba(color)
         except ValueError:
-            raise ValueError(f"{name} must be {ACCEPTED}, got {color!r}") from None
+            from matplotlib.colors import CSS4_COLORS
+
+            raise ValueError(f"{name} must be {ACCEPTED}, got {color!r}{near(color, list(CSS4_COLORS))}") from None
         if alpha != 1:
             raise ValueError(f"{name} must be opaque, got {color!r}")
         return srgb_to_linear(encoded)

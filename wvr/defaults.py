@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from .advice import is_narrow, shown_by
 from .camera import Camera
 from .colormaps import Colors, Opacity, entries
 from .cuts.base import Clip, clip_list
@@ -110,10 +111,11 @@ def function_of(
         if given in PRESETS:
             # Of a relative scale nothing but the data says what 1 is.
             own = None if PRESETS[given].range == HOUNSFIELD else volume.range
-            if own is None and clim is None:
-                _doubt_hounsfield(given, volume)
             name: Any = given
-            return TransferFunction.preset(name, own if clim is None else _limits(clim)), None
+            made = TransferFunction.preset(name, own if clim is None else _limits(clim))
+            if own is None and clim is None:
+                _doubt_hounsfield(given, made, volume)
+            return made, None
         _refuse("clim", clim, f"{given!r} has its own scalars")
         return TransferFunction.load(given), None
     if given is None and opacity is None and clim is None:
@@ -139,10 +141,14 @@ def function_of(
     return recolored(next(iter(chosen.functions.values())), colors, limits), chosen
 
 
-def _doubt_hounsfield(name: str, volume: Field) -> None:
-    """Warn where the samples cannot be in Hounsfield units: of air, -1000, and something."""
+def _doubt_hounsfield(name: str, tf: TransferFunction, volume: Field) -> None:
+    """Warn where the samples cannot be in Hounsfield units: of air, -1000, and something.
+
+    Where hardly anything of the transfer function is left, the image is warned of.
+    """
     lo, hi = volume.range
-    if lo > AIR or hi < 0:
+    begin, end = shown_by(tf) or (lo, hi)
+    if (lo > AIR or hi < 0) and not is_narrow(tf, lo, hi) and begin < hi and end > lo:
         warnings.warn(
             f"{name!r} is in Hounsfield units, air about -1000 and bone up to 2000, and the samples are from {lo:g} to "
             f"{hi:g}: clim=(lo, hi) says which of them stand for -1000 and 2000",
@@ -271,7 +277,9 @@ def shadows_of(given: Any, lighting: Lighting | None, camera: Camera) -> Convolu
     """The shadows that are meant: True is those of the lighting's first light, or of that from the upper left."""
     if given is True:
         return ConvolutionShadows(light=(studio(camera) if lighting is None else lighting).lights[0])
-    return None if given is False else given
+    if given is None or given is False or isinstance(given, ConvolutionShadows):
+        return given or None
+    raise TypeError(f"shadows must be a ConvolutionShadows, True, False or None, got {given!r}")
 
 
 def studio(camera: Camera) -> Lighting:

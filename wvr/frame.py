@@ -17,7 +17,7 @@ from .cuts.volumes import clip_dtype, clip_kinds, clipping_struct
 from .display import Shown
 from .field.base import Field
 from .field.blocks import Seen
-from .image import Image
+from .image import BoundedImage, Image
 from .keep import Keeper
 from .kernels.cuts.stretches import Cuts
 from .kernels.integrators.steps import Step
@@ -111,7 +111,8 @@ class Frame:
         given = self.given
         limits, anatomical = given.volume.range, getattr(given.volume, "anatomical", "")
         scenery = Shown(self.camera, given.volume.corners, limits, given.transfer_function, anatomical)
-        return Image(pixels, samples, self.error_bound, stats, given.background, tracer, scenery)
+        kind = Image if self.error_bound is None else BoundedImage
+        return kind(pixels, samples, self.error_bound, stats, given.background, tracer, scenery)
 
     def halves(self, real: type, march: Any) -> Halves:
         """What a kernel with a ``march`` in a precision is made of."""

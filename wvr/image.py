@@ -262,6 +262,15 @@ class Image:
         return f"Image({', '.join(parts)})"
 
 
+class BoundedImage(Image):
+    """An image with a bound on its error: what :func:`wvr.render` returns where a tolerance says how large it may be.
+
+    Shadows of the modes "half-angle" and "occlusion" make images of their own, which have none.
+    """
+
+    error_bound: NDArray[np.floating]
+
+
 def _is_clear(background: str | Sequence[float] | None) -> bool:
     """Whether nothing is behind."""
     return background is None or (isinstance(background, str) and background == "transparent")

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,17 @@ from .cuts.base import clip_list
 from .defaults import Call, lighting_of, shadows_of
 from .framing import framed, visible_points
 from .image import Image
+from .keywords import MovieOptions, refuse
 from .renderer import Renderer
 from .sources import as_volume
 from .validation import positive, within
 from .views import front_and_up
 from .volume import Volume
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from .keywords import OrbitOptions, SeriesOptions
 
 SUFFIXES = (".mp4", ".gif")
 # What of a call of render says how it looks; a Renderer takes the rest.
@@ -31,14 +37,21 @@ LOOK = ("opacity", "clim", "lighting", "shadows", "background", "segmentation")
 
 @overload
 def orbit(
-    data: Any, transfer_function: Any = ..., frames: int = ..., output: None = ..., **options: Any
+    data: Any, transfer_function: Any = ..., frames: int = ..., output: None = ..., **options: Unpack[OrbitOptions]
 ) -> Iterator[Image]: ...
 @overload
 def orbit(
-    data: Any, transfer_function: Any = ..., frames: int = ..., *, output: str | os.PathLike[str], **options: Any
+    data: Any,
+    transfer_function: Any = ...,
+    frames: int = ...,
+    *,
+    output: str | os.PathLike[str],
+    **options: Unpack[OrbitOptions],
 ) -> Path: ...
 @overload
-def orbit(data: Any, transfer_function: Any, frames: int, output: str | os.PathLike[str], **options: Any) -> Path: ...
+def orbit(
+    data: Any, transfer_function: Any, frames: int, output: str | os.PathLike[str], **options: Unpack[OrbitOptions]
+) -> Path: ...
 def orbit(
     data: Any,
     transfer_function: Any = None,
@@ -49,7 +62,7 @@ def orbit(
     elevation: float = 20.0,
     turn: float = 360.0,
     fps: float = 30.0,
-    **options: Any,
+    **options: Unpack[MovieOptions],
 ) -> Iterator[Image] | Path:
     """Images from a way around a volume, or a movie of them.
 
@@ -93,9 +106,9 @@ def orbit(
         positive(fps, "fps")
     size = image_size(size)
     volume = as_volume(data)
-    call, rest = _split(transfer_function, options)
-    if "camera" in rest:
+    if "camera" in options:
         raise TypeError("camera is what orbit chooses: give elevation and turn")
+    call, rest = _split("orbit", transfer_function, options)
     look = call._replace(camera="iso").look(volume, size)
     tf = look.transfer_function
     shown = tf if call.segmentation is None else call.segmentation
@@ -137,11 +150,16 @@ def _around(
 
 @overload
 def time_series(
-    data: Any, transfer_function: Any = ..., camera: Any = ..., *, output: None = ..., **options: Any
+    data: Any, transfer_function: Any = ..., camera: Any = ..., *, output: None = ..., **options: Unpack[SeriesOptions]
 ) -> Iterator[Image]: ...
 @overload
 def time_series(
-    data: Any, transfer_function: Any = ..., camera: Any = ..., *, output: str | os.PathLike[str], **options: Any
+    data: Any,
+    transfer_function: Any = ...,
+    camera: Any = ...,
+    *,
+    output: str | os.PathLike[str],
+    **options: Unpack[SeriesOptions],
 ) -> Path: ...
 def time_series(
     data: Any,
@@ -151,7 +169,7 @@ def time_series(
     size: tuple[int, int] = (512, 512),
     output: str | os.PathLike[str] | None = None,
     fps: float = 10.0,
-    **options: Any,
+    **options: Unpack[MovieOptions],
 ) -> Iterator[Image] | Path:
     """Images of a volume that changes, all in the same colours from the same camera, or a movie of them.
 
@@ -180,7 +198,7 @@ def time_series(
         first = next(moments)
     except StopIteration:
         raise ValueError("data must have at least one volume, got none") from None
-    call, rest = _split(transfer_function, options)
+    call, rest = _split("time_series", transfer_function, options)
     look = call._replace(camera=camera).look(first, size)
     renderer = Renderer(
         first,
@@ -220,10 +238,13 @@ def _moments(data: Any) -> tuple[Iterator[Volume], int | None]:
     return (as_volume(one) for one in data), len(data) if isinstance(data, Sequence) else None
 
 
-def _split(transfer_function: Any, options: dict[str, Any]) -> tuple[Call, dict[str, Any]]:
+def _split(function: str, transfer_function: Any, options: MovieOptions) -> tuple[Call, dict[str, Any]]:
     """What says how it looks, and what a renderer is made with."""
-    look = {name: options[name] for name in LOOK if name in options}
-    return Call(transfer_function, **look), {name: options[name] for name in options if name not in LOOK}
+    given: dict[str, Any] = dict(options)
+    known = MovieOptions.__annotations__
+    refuse(function, {name: given[name] for name in given if name not in known}, tuple(known))
+    look = {name: given[name] for name in LOOK if name in given}
+    return Call(transfer_function, **look), {name: given[name] for name in given if name not in LOOK}
 
 
 def save_movie(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from threading import Event
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn, overload
 
 from .advice import advise
 from .camera import Camera, image_size
@@ -15,9 +15,10 @@ from .cuts.labels import Segmentation
 from .defaults import Call
 from .field.base import Field
 from .frame import Frame
-from .image import Image
-from .integrators import Integrator, of_tolerance
+from .image import BoundedImage, Image
+from .integrators import Bounding, Integrator, of_tolerance
 from .keep import Keeper
+from .keywords import MovieOptions, refuse
 from .launch import Lock, cancelling, get_device
 from .light.lighting import Lighting
 from .light.shadows import ConvolutionShadows
@@ -26,7 +27,10 @@ from .sources import as_volume
 from .transfer_function import TransferFunction
 
 if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
     from .defaults import CameraLike, Function, LightingLike
+    from .keywords import Options
 
 # Less than an 8-bit grey level.
 TOLERANCE = 1 / 512
@@ -167,6 +171,28 @@ class Renderer:
         return image
 
 
+@overload
+def render(
+    volume: Any,
+    transfer_function: Function | None = ...,
+    camera: CameraLike | None = ...,
+    size: tuple[int, int] = ...,
+    *,
+    integrator: Bounding | None = ...,
+    tolerance: float | None = ...,
+    **options: Unpack[Options],
+) -> BoundedImage: ...
+@overload
+def render(
+    volume: Any,
+    transfer_function: Function | None = ...,
+    camera: CameraLike | None = ...,
+    size: tuple[int, int] = ...,
+    *,
+    integrator: Integrator | None,
+    tolerance: float | None = ...,
+    **options: Unpack[Options],
+) -> Image: ...
 def render(
     volume: Any,
     transfer_function: Function | None = None,
@@ -187,6 +213,7 @@ def render(
     clip: Clip | Sequence[Clip] | None = None,
     segmentation: Segmentation | None = None,
     cancel: Event | None = None,
+    **unknown: NoReturn,
 ) -> Image:
     """Render a volume: ``wvr.render(data)``. What is left out suits the data.
 
@@ -255,6 +282,7 @@ def render(
     Returns
     -------
     Image
+        With a tolerance, which is the default, a :class:`BoundedImage`.
 
     Raises
     ------
@@ -278,6 +306,7 @@ def render(
     >>> wvr.render(wvr.datasets.load("blobs", 16), "viridis", opacity="sigmoid_5", camera="iso", size=(8, 6)).size
     (8, 6)
     """
+    refuse("render", unknown, ("transfer_function", "camera", "size", "cancel", *MovieOptions.__annotations__))
     volume = as_volume(volume)
     size = image_size(size)
     call = Call(transfer_function, camera, opacity, clim, lighting, shadows, background, segmentation, clip)

@@ -64,7 +64,7 @@ class Scene:
             optional = optional or (name == "transfer_function" and self.segmentation is not None)
             if not isinstance(value, accepted) and not (optional and value is None):
                 kind = "Volume" if accepted is Field else accepted.__name__
-                more = " or None" if optional else " such as those of wvr.integrators" if accepted is Integrator else ""
+                more = " or None" if optional else ", such as wvr.Riemann(0.5)" if accepted is Integrator else ""
                 raise TypeError(f"{name} must be a{'n' * (kind[0] in 'AEIO')} {kind}{more}, got {_described(value)}")
         choice(self.precision, "precision", ("auto", *REALS))
         if not isinstance(self.skip_empty, bool | np.bool_):
@@ -245,4 +245,6 @@ class Scene:
 
 
 def _described(value: Any) -> str:
+    if isinstance(value, type):
+        return f"the class {value.__name__}: say {value.__name__}(...)"
     return repr(value) if isinstance(value, str | int | float) else type(value).__name__

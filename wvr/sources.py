@@ -166,6 +166,11 @@ def _samples(data: Any) -> Any:
         if kind.kind in "biu":
             return data.cpu().numpy() if hasattr(data, "cpu") else data.get()
         return data
+    if isinstance(data, list | tuple) and any(isinstance(one, Field | str) or hasattr(one, "wvr") for one in data):
+        raise TypeError(
+            f"data must be one volume, got a {type(data).__name__} of {len(data)}: wvr.time_series renders one after "
+            f"the other; in one scene there are not several yet"
+        )
     array = np.asarray(data)
     if array.dtype.kind not in "biufc":
         raise TypeError(
@@ -299,7 +304,7 @@ def _resampled(grid: pv.DataSet, scalars: str | None, nan: NanPolicy) -> Volume:
     values[~inside] = np.nan
     image.point_data[name] = values
     warnings.warn(
-        f"a {type(grid).__name__} is resampled on {' x '.join(map(str, dimensions))} samples by linear interpolation: "
+        f"the {type(grid).__name__} is resampled on {' x '.join(map(str, dimensions))} samples, linearly: "
         f"error bounds are of what is made of it",
         stacklevel=outside(),
     )

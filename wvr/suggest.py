@@ -33,7 +33,7 @@ PALETTES = {
 }
 SURFACE_COLORS = ["#4f7fc0", "#e0952f", "#fff0d0"]
 # Below and above the usual value of a field, from near to far.
-COLD, HOT = ["#4f74e0", "#3fa9e0", "#86e2ea", "#ecffff"], ["#c9405f", "#ea6a3c", "#f7b548", "#fff6c8"]
+COLD, HOT = ["#4f74e0", "#3fa9e0", "#86e2ea", "#ecffff"], ["#b45ad8", "#f2608a", "#fba14e", "#fff3c0"]
 # Of labels: distinguishable next to each other (Matplotlib's tab10, brighter), then around the circle of hues.
 LABEL_COLORS = ["#e4572e", "#4c9be8", "#7bc950", "#f3c13a", "#b57edc", "#2ec4b6", "#f78fb3", "#c8a27c", "#9aa5b1"]
 # Scalars of tissues [HU], and the depths of fat, skin and soft tissue, of contrast medium and cancellous bone, and of
@@ -204,7 +204,7 @@ def _side(
     points = [(start, palette[0], 0.0)]
     for fraction, color, depth in zip(FRACTIONS, palette, DEPTHS, strict=True):
         level, half = start + (end - start) * fraction, 0.04 * (end - start)
-        veil = _opacity(samples, level - half, level + 5 * half, 0.25 * depth, lengths)
+        veil = _opacity(samples, level - half, level + 5 * half, 0.4 * depth, lengths)
         shell = _opacity(samples, level - half, level + half, 1.6 * depth, lengths)
         points += [(level - half, color, veil), (level, color, shell), (level + half, color, veil)]
     points[-1] = (points[-1][0], palette[-1], points[-2][2])  # the innermost is solid
@@ -222,7 +222,7 @@ def _mode(finite: NDArray[np.float64], span: tuple[float, float]) -> float:
 def _foreground(
     counts: NDArray[np.int64], edges: NDArray[np.float64], finite: NDArray[np.float64], background: float
 ) -> tuple[float, float]:
-    """Where the noise of the background ends, and where all but the highest 0.1 % of the foreground does.
+    """Where the noise of the background ends, and where all but the highest 1 % of the foreground does.
 
     The noise ends at the knee of the logarithmic histogram right of its mode, which is where it is farthest below the
     straight line to its end (the triangle method of Zack, Rogers and Latt, J. Histochem. Cytochem. 25(7), 1977), or
@@ -245,7 +245,7 @@ def _foreground(
     start = min(ends[knee], *low[:1], *apart[:1], max(np.quantile(finite, 0.92), ends[0]))
     bin_width = edges[1] - edges[0]
     beyond = finite[finite > start]
-    end = np.quantile(beyond, 0.999) if beyond.size else start
+    end = np.quantile(beyond, 0.99) if beyond.size else start
     return float(start), float(max(end, start + bin_width))
 
 

@@ -341,7 +341,7 @@ def _as_data(array: Any, axes: Axes) -> Any:
         raise TypeError(f"array must be an array, got the path {str(array)!r}; wvr.read reads files")
     if type(array).__module__.partition(".")[0] in ("pyvista", "vtkmodules", "xarray"):
         raise TypeError(
-            f"array must be an array, got a {type(array).__name__}: wvr.as_volume takes it, with spacing and origin"
+            f"array must be an array, got {type(array).__name__}: wvr.as_volume takes it, with spacing and origin"
         )
     if isinstance(array, np.ma.MaskedArray) and np.ma.is_masked(array):
         raise TypeError(
@@ -396,7 +396,10 @@ def _check(dtype: np.dtype, shape: tuple[int, ...]) -> None:
         )
         raise TypeError(f"array has dtype {dtype}; accepted are {', '.join(DTYPES)}; cast it to {hint}")
     if len(shape) != 3:
-        raise ValueError(f"array must have three axes (z, y, x), got {len(shape)}: shape {shape}")
+        hint = {2: "; a single slice is array[None]", 4: "; wvr.time_series renders arrays [t, z, y, x]"}.get(
+            len(shape), ""
+        )
+        raise ValueError(f"array must have three axes (z, y, x), got {len(shape)}: shape {shape}{hint}")
     if 0 in shape:
         raise ValueError(f"array must not be empty, got shape {shape}")
 

@@ -111,46 +111,6 @@ def make_ranges(dtype):
     return ranges
 
 
-@cache
-def make_kinds(dtype):
-    """Kernel ``(base, field, ranges, tf, kinds)`` over rows of blocks along x; empty ones without regard to others."""
-    Transfer, interval, _ = make_transfer(wp.float64)
-    nothing, _ = make_transparent(wp.float64)
-    Field = make_samples(dtype)
-    pair = wp.types.vector(2, dtype)
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def kinds(
-        base: int,
-        field: Field,
-        ranges: wp.array3d(dtype=pair),
-        tf: Transfer,
-        result: wp.array3d(dtype=wp.int16),
-    ):
-        item = wp.tid() + base
-        bk = item // result.shape[1]
-        bj = item - bk * result.shape[1]
-        # Most blocks that are empty lie below all that has extinction.
-        least = -wp.float64(wp.inf)
-        if tf.visible[0] > 0:
-            least = tf.knot[wp.min(tf.visible[0], tf.knot.shape[0] - 1)]
-        for bi in range(result.shape[2]):
-            span = ranges[bk, bj, bi]
-            low = wp.float64(span[0]) - field.shift
-            high = wp.float64(span[1]) - field.shift
-            kind = int(EMPTY)
-            if low <= high and high >= least:
-                first = interval(tf, low)
-                end = interval(tf, high)
-                if not nothing(tf, first, end, high):
-                    kind = SEVERAL
-                    if end == first and first < 32768:
-                        kind = first
-            result[bk, bj, bi] = wp.int16(kind)
-
-    return kinds
-
-
 # Whether the corners of each cell may see extinction.
 MASK = """
 // Smallest and largest of two, four, eight neighbours: along x, then y, then z.
@@ -204,28 +164,45 @@ def make_mask_of(dtype):
 
 
 @cache
-def make_masks(dtype):
-    """Kernel ``(base, field, ranges, tf, blocks)`` over rows of blocks of known kinds: cells that may be seen."""
-    Transfer, _, _ = make_transfer(wp.float64)
+def make_kinds(dtype):
+    """Kernel ``(base, field, ranges, tf, cells, blocks)`` over rows of blocks along x: kinds, of empty ones without
+    regard to others, and if ``cells`` are asked for, masks of those that may be seen.
+    """
+    Transfer, interval, _ = make_transfer(wp.float64)
+    nothing, _ = make_transparent(wp.float64)
     visible = make_visible()
     mask_of = make_mask_of(dtype)
     Field = make_samples(dtype)
     pair = wp.types.vector(2, dtype)
 
     @wp.kernel(enable_backward=False, module="unique")
-    def masks(base: int, field: Field, ranges: wp.array3d(dtype=pair), tf: Transfer, blocks: Blocks):
+    def kinds(base: int, field: Field, ranges: wp.array3d(dtype=pair), tf: Transfer, cells: bool, blocks: Blocks):
         item = wp.tid() + base
         bk = item // ranges.shape[1]
         bj = item - bk * ranges.shape[1]
+        # Most blocks that are empty lie below all that has extinction.
+        least = -wp.float64(wp.inf)
+        if tf.visible[0] > 0:
+            least = tf.knot[wp.min(tf.visible[0], tf.knot.shape[0] - 1)]
         for bi in range(ranges.shape[2]):
+            span = ranges[bk, bj, bi]
+            low = wp.float64(span[0]) - field.shift
+            high = wp.float64(span[1]) - field.shift
+            kind = int(EMPTY)
             mask = wp.uint64(0)  # an array of bits
-            kind = int(blocks.kinds[bk, bj, bi])
-            if kind >= 0:
-                mask = ~mask
-            elif kind == SEVERAL:
-                span = ranges[bk, bj, bi]
-                first, last = visible(tf, wp.float64(span[0]) - field.shift, wp.float64(span[1]) - field.shift)
-                mask = mask_of(field, bk, bj, bi, first, last)
-            blocks.masks[bk, bj, bi] = mask
+            if low <= high and high >= least:
+                first = interval(tf, low)
+                end = interval(tf, high)
+                if not nothing(tf, first, end, high):
+                    kind = SEVERAL
+                    if end == first and first < 32768:
+                        kind = first
+                        mask = ~mask
+                    elif cells:
+                        under, over = visible(tf, low, high)
+                        mask = mask_of(field, bk, bj, bi, under, over)
+            blocks.kinds[bk, bj, bi] = wp.int16(kind)
+            if cells:
+                blocks.masks[bk, bj, bi] = mask
 
-    return masks
+    return kinds

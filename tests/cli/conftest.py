@@ -27,8 +27,8 @@ def rendered(monkeypatch):
     """What the command line passes to ``wvr.render``, which renders nothing."""
     passed = {}
 
-    def render(volume, tf, camera, size, **options):
-        passed.update(volume=volume, tf=tf, camera=camera, size=size, **options)
+    def render(volume, *, transfer_function, size, **options):
+        passed.update(volume=volume, tf=transfer_function, size=size, **options)
         image = np.full((size[1], size[0], 4), 0.5, np.float32)
         stats = {"samples": 1234567, "seconds": 0.25}
         return wvr.Image(image, np.ones(image.shape[:2], np.int32), None, stats, options["background"])

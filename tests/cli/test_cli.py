@@ -218,8 +218,23 @@ def test_labels_have_colours_of_their_own(run, rendered):
     np.testing.assert_array_equal(functions[4].opacities, rendered["tf"].opacities)
 
 
+def test_movies_have_the_options_of_images(run, monkeypatch):
+    """All that say how it looks, by the same names."""
+    passed = []
+    monkeypatch.setattr(wvr, "render", lambda volume, camera, **keywords: passed.append(keywords) or 1 / 0)
+    monkeypatch.setattr(
+        wvr, "orbit", lambda volume, frames, output, fps, elevation, turn, **keywords: passed.append(keywords)
+    )
+    look = "--tf warm --size 9x8 --shadows on --clip-box 0,0,0,4,4,4 --integrator riemann:1"
+    options = ["--dataset-size", "8", *look.split()]
+    with pytest.raises(ZeroDivisionError):
+        run("render", "spheres", *options)
+    assert run("orbit", "spheres", *options)[0] == 0
+    assert passed[0] == passed[1] and passed[0]["shadows"] is True and passed[0]["size"] == (9, 8)
+
+
 def test_warnings_are_one_line(run, rendered):
-    np.save("a.npy", CUBE)
+    np.save("a.npy", CUBE.astype(np.int16) * 8)
     code, _, err = run("render", "a.npy", "--tf", "ct-bone")
     assert code == 0 and re.fullmatch(r"wvr: warning: 'ct-bone' is in Hounsfield units, .*\n", err)
     code, _, err = run("render", "b.npy")

@@ -12,7 +12,7 @@ from scipy.ndimage import distance_transform_cdt
 import wvr
 from wvr.field.blocks import Kinds, rows_of
 from wvr.keep import Keeper
-from wvr.kernels.field.blocks import EMPTY, FAR, SEVERAL, blocks, make_kinds
+from wvr.kernels.field.blocks import EMPTY, FAR, SEVERAL, Blocks, blocks, make_kinds
 from wvr.kernels.field.samples import make_samples
 from wvr.launch import get_device, launch
 from wvr.transfer.function import Transfer
@@ -176,10 +176,12 @@ def flags(ranges, tf, shift, device):
     keep = Keeper(get_device(device))
     field = make_samples(wp.float64)()
     field.shift = shift
-    kinds = wp.empty(ranges.shape, dtype=wp.int16, device=device)
+    found = Blocks()
+    found.kinds = wp.empty(ranges.shape, dtype=wp.int16, device=device)
+    found.masks = wp.empty((1, 1, 1), dtype=wp.uint64, device=device)
     transfer = keep(Transfer(tf, 1.0, shift, "float64", False))
-    launch(make_kinds(wp.float64), rows_of(kinds), [field, ranges, transfer, kinds], keep.device)
-    return kinds.numpy() == int(EMPTY)
+    launch(make_kinds(wp.float64), rows_of(ranges), [field, ranges, transfer, False, found], keep.device)
+    return found.kinds.numpy() == int(EMPTY)
 
 
 @settings(max_examples=100, deadline=None)

@@ -359,7 +359,7 @@ def test_bad_input(options, message):
 
 def test_bad_input_of_render(blobs, smooth_tf):
     camera = wvr.Camera.fit(blobs)
-    with pytest.raises(TypeError, match=r"shadows must be a ConvolutionShadows or None, got 1\.0"):
+    with pytest.raises(TypeError, match=r"shadows must be a ConvolutionShadows, True, False or None, got 1\.0"):
         wvr.render(blobs, smooth_tf, camera, shadows=1.0)
     behind = wvr.DirectionalLight(np.subtract(camera.target, camera.position))
     with pytest.raises(ValueError, match=r"need light from the side of the viewer, got .* 180 degrees from the view"):

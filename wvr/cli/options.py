@@ -190,8 +190,6 @@ def transfer_function_of(
     text: str | None, cmap: str | None, opacity: str | None, clim: str | None, volume: Volume
 ) -> tuple[TransferFunction, Suggestion | None]:
     """What --tf, --cmap, --opacity and --clim mean, and the suggestion that it is from, if it is."""
-    import matplotlib
-
     from ..defaults import function_of
     from ..transfer_function import TransferFunction
 
@@ -205,22 +203,28 @@ def transfer_function_of(
         except ValueError:
             raise ValueError(f"--opacity must be a name or numbers such as 0,0.2,0.9, got {opacity!r}") from None
         strengths = strengths[0] if len(strengths) == 1 else strengths
-    given: Any = text if cmap is None else cmap
+    given: Any = text
     if text is not None and ":" in text:
         given = TransferFunction([tuple(part.split(":")) for part in text.split(",")])  # type: ignore[misc]
-    elif cmap is not None and "," in cmap:
-        given = cmap.split(",")
-    elif cmap is not None and cmap not in matplotlib.colormaps:
-        raise ValueError(
-            f"--cmap must be a Matplotlib colour map, or two or more colours such as black,red,white, got "
-            f"{cmap!r}{near(cmap, list(matplotlib.colormaps))}"
-        )
+    elif cmap is not None:
+        given = cmap.split(",") if "," in cmap else _checked_colormap(cmap)
     try:
         return function_of(given, volume, strengths, limits)
     except ValueError as error:
         # By the names that they have here.
         message = re.sub("^transfer_function must", "--tf must", str(error))
         raise ValueError(re.sub("^(clim|opacity) ", r"--\1 ", message)) from None
+
+
+def _checked_colormap(name: str) -> str:
+    import matplotlib  # which takes a while, and is not needed where colours are suggested
+
+    if name not in matplotlib.colormaps:
+        raise ValueError(
+            f"--cmap must be a Matplotlib colour map, or two or more colours such as black,red,white, got "
+            f"{name!r}{near(name, list(matplotlib.colormaps))}"
+        )
+    return name
 
 
 def labels_of(path: Path, tf: TransferFunction) -> tuple[Segmentation, tuple[Path, ...]]:

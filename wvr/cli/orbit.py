@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from .options import Vector, lighting_of, size_of, transfer_function_of
+from .look import Look
 from .source import Reading
 from .stages import Stages
 
@@ -22,14 +22,7 @@ def orbit(
     fps: float = 30.0,
     elevation: float = 20.0,
     turn: float = 360.0,
-    size: str = "512x512",
-    tf: str | None = None,
-    cmap: str | None = None,
-    opacity: Vector | None = None,
-    clim: Vector | None = None,
-    lighting: str | None = None,
-    tolerance: float | None = None,
-    background: str | None = None,
+    look: Look = Look(),  # noqa: B008 - frozen
     reading: Reading = Reading(),  # noqa: B008 - frozen
 ) -> None:
     """Make a movie of a way around a volume.
@@ -48,45 +41,14 @@ def orbit(
         Of the camera above the horizon, in degrees.
     turn
         How far it goes, in degrees, counter-clockwise as seen from above.
-    size
-        WIDTHxHEIGHT in pixels.
-    tf
-        As of "wvr render", as are the following.
-    cmap
-        Colour map.
-    opacity
-        Of the colour map.
-    clim
-        LO,HI of the colour map.
-    lighting
-        on, off, or a mode.
-    tolerance
-        Largest error of any channel.
-    background
-        Colour behind the volume.
     """
     import wvr
 
-    light = None if lighting is None else lighting_of(lighting)
-    pixels = size_of(size)
+    keywords = look.keywords()
     with Stages() as stage:
-        volume = reading.load(source, "error", stage)
-        function, chosen = transfer_function_of(tf, cmap, opacity, clim, volume)
-        if chosen is not None:
-            light = chosen.surfaces if light is None else light
-            background = "black" if background is None else background
+        volume = reading.load(source, look.nan, stage)
+        keywords, _ = look.of(volume, keywords)
         stage("rendering")
-        movie = wvr.orbit(
-            volume,
-            function,
-            frames,
-            output,
-            size=pixels,
-            elevation=elevation,
-            turn=turn,
-            fps=fps,
-            lighting=light,
-            tolerance=tolerance,
-            background=background,
-        )
-    print(f"{movie}: {frames} images of {pixels[0]} x {pixels[1]}")
+        movie = wvr.orbit(volume, frames=frames, output=output, fps=fps, elevation=elevation, turn=turn, **keywords)
+    width, height = keywords["size"]
+    print(f"{movie}: {frames} images of {width} x {height}")

@@ -10,7 +10,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..keep import Keeper, Part
-from ..kernels.field.blocks import BITS, EMPTY, FAR, SEVERAL, Blocks, blocks, make_kinds, make_masks, make_ranges
+from ..kernels.field.blocks import BITS, EMPTY, FAR, SEVERAL, Blocks, blocks, make_kinds, make_ranges
 from ..kernels.field.strides import make_octants
 from ..launch import launch
 from ..transfer.function import struct_of
@@ -67,14 +67,12 @@ class Kinds(Part):
         data = keep(self.ranges.data)
         field = samples_struct(data, self.shift)
         kinds = keep.empty(ranges.shape, wp.int16)
-        launch(make_kinds(data.dtype), rows_of(kinds), [field, ranges, transfer, kinds], keep.device)
-        found = spread(kinds.numpy())
-        kinds.assign(found)
         masks = keep.empty(ranges.shape if self.cells else (1, 1, 1), wp.uint64)
         struct = Blocks()
         struct.kinds, struct.masks = kinds, masks
-        if self.cells:
-            launch(make_masks(data.dtype), rows_of(kinds), [field, ranges, transfer, struct], keep.device)
+        launch(make_kinds(data.dtype), rows_of(kinds), [field, ranges, transfer, self.cells, struct], keep.device)
+        found = spread(kinds.numpy())
+        kinds.assign(found)
         return seen_of(self.field, kinds, masks, found)
 
 

@@ -1,5 +1,7 @@
 """The integrators: how a ray's integral is approximated. Lengths are in units of the smallest voxel spacing."""
 
+from typing import TypeAlias
+
 from .adaptive_preintegrated import AdaptivePreintegrated
 from .adaptive_simpson import AdaptiveSimpson
 from .base import Integrator
@@ -8,6 +10,10 @@ from .exact import Exact
 from .uniform import Preintegrated, Riemann, Simpson
 
 KINDS = (Riemann, Simpson, Preintegrated, AdaptivePreintegrated, AdaptiveSimpson, Exact, Certified)
+
+
+# Those whose images have a bound, for type checkers.
+Bounding: TypeAlias = Certified
 
 
 def of_tolerance(tolerance: float) -> Integrator:
@@ -19,6 +25,7 @@ __all__ = [
     "KINDS",
     "AdaptivePreintegrated",
     "AdaptiveSimpson",
+    "Bounding",
     "Certified",
     "Exact",
     "Integrator",

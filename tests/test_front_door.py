@@ -1,0 +1,145 @@
+"""What people who come from PyVista type first: it works, or one sentence says what to type instead."""
+
+import inspect
+import io
+import threading
+
+import numpy as np
+import pytest
+import pyvista as pv
+from PIL import Image as PillowImage
+
+import wvr
+from wvr.keywords import ELSEWHERE, MovieOptions, Options
+
+FAST = {"size": (16, 12), "integrator": wvr.Riemann(1.0)}
+
+
+@pytest.fixture(scope="module")
+def volume():
+    return wvr.datasets.load("spheres", 16)
+
+
+@pytest.fixture(scope="module")
+def grid(volume):
+    return volume.to_pyvista()
+
+
+@pytest.fixture(scope="module")
+def image(volume):
+    return wvr.render(volume, **FAST)
+
+
+def test_one_argument_is_enough_whatever_it_is(volume, grid, image, tmp_path):
+    np.save(tmp_path / "a.npy", volume.numpy())
+    masked = np.ma.masked_equal(volume.numpy().astype(np.int64), 0)
+    for data in (grid, tmp_path / "a.npy", str(tmp_path / "a.npy"), volume.numpy(), volume.numpy().tolist()):
+        assert np.array_equal(wvr.render(data, **FAST).rgba, image.rgba), type(data)
+    assert wvr.render(masked, **FAST).rgba.max() > 0
+    assert wvr.render(volume.numpy() > 100, **FAST).rgba.max() > 0
+
+
+def test_axes_are_told():
+    array = np.zeros((40, 20, 10), np.uint8)
+    assert repr(wvr.as_volume(array)).startswith("Volume(x=10, y=20, z=40,")
+    xyz = wvr.as_volume(array, axes="xyz")
+    assert tuple(xyz.dimensions) == pv.wrap(array).dimensions
+    with pytest.warns(UserWarning, match=r'100 along z; its first two axes .*axes="xyz"'):
+        wvr.as_volume(np.zeros((100, 100, 3), np.uint8))
+
+
+def test_opacities_by_name_are_those_of_pyvista():
+    for name in ("linear", "geom", "geom_r", "sigmoid", "sigmoid_5", "sigmoid_3_r", "foreground", "linear_r"):
+        theirs = pv.opacity_transfer_function(name, 256) / 255
+        tf = wvr.TransferFunction.from_colormap("viridis", (0, 255), name)
+        ours = -np.expm1(-tf.extinction(np.arange(256.0), 1.0))
+        np.testing.assert_allclose(ours, theirs, atol=1.01 / 255 + 1 / 512, err_msg=name)
+    # Between numbers opacity itself is linear: a quarter of the range, a quarter of it.
+    tf = wvr.TransferFunction.from_colormap("viridis", (0, 1), [0, 1])
+    assert -np.expm1(-tf.extinction([0.25], 1.0)[0]) == pytest.approx(0.25, abs=1 / 512)
+
+
+def test_movies_cameras_and_files(volume, grid, image, tmp_path):
+    assert wvr.orbit(grid, frames=2, output=tmp_path / "turn.gif", **FAST).stat().st_size > 0
+    image.save(tmp_path / "a.jpg")
+    assert PillowImage.open(tmp_path / "a.jpg").size == (16, 12)
+    assert PillowImage.open(io.BytesIO(image.png())).size == (16, 12)
+    place = [(40.0, 0.0, 9.0), (7.5, 7.5, 7.5), (0.0, 0.0, 1.0)]
+    seen = wvr.render(volume, camera=place, **FAST).shown.camera
+    np.testing.assert_allclose(seen.to_pyvista().position, place[0])
+    axes = image.plot(scalar_bar=True, outline=True)
+    assert len(axes.figure.axes) == 2
+
+
+def test_what_is_cancelled_ends(volume):
+    event = threading.Event()
+    event.set()
+    with pytest.raises(wvr.Cancelled):
+        wvr.render(volume, cancel=event, **FAST)
+
+
+@pytest.mark.parametrize("keyword", sorted(ELSEWHERE))
+def test_keywords_of_other_libraries_say_what_to_write(grid, keyword):
+    """Each names a way that there is, and none is a keyword of ours."""
+    with pytest.raises(TypeError, match=f"^render has no keyword '{keyword}'; .{{12,}}"):
+        wvr.render(grid, **{keyword: None})
+    assert keyword not in inspect.signature(wvr.render).parameters
+    said = ELSEWHERE[keyword]
+    names = [name.split("(")[0].rstrip(",:") for name in said.split() if name.startswith("wvr.")]
+    for name in names:
+        found = wvr
+        for part in name.split(".")[1:]:
+            found = getattr(found, part)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda v: wvr.render(v, tolerence=0.1), "'tolerence'; did you mean 'tolerance'?"),
+        (lambda v: next(wvr.orbit(v, cmap="viridis")), "orbit has no keyword 'cmap'; give the colour map"),
+        (lambda v: wvr.time_series([v], lightning=True), "'lightning'; did you mean 'lighting'?"),
+        (lambda v: v.to_pyvista().wvr.render(shade=True), "render has no keyword 'shade'; say lighting=True"),
+        (lambda v: wvr.render(v, "ct_bone"), "did you mean 'ct-bone'?"),
+        (lambda v: wvr.render(v, "virdis"), "did you mean 'viridis'?"),
+        (lambda v: wvr.render(v, "viridis", opacity="sigmod"), "did you mean 'sigmoid'?"),
+        (lambda v: wvr.render(v, camera="izo"), "did you mean 'iso'?"),
+        (lambda v: wvr.render(v, lighting="centre"), "did you mean 'center'?"),
+        (lambda v: wvr.render(v, background="wite"), "did you mean 'white'?"),
+        (lambda v: wvr.render(v, shadows="on"), "shadows must be a ConvolutionShadows, True, False or None, got 'on'"),
+        (lambda v: wvr.render(v, size=512), "such as (512, 512), got 512"),
+        (lambda v: wvr.render(v, integrator="riemann"), "such as wvr.Riemann(0.5), got 'riemann'"),
+        (lambda v: wvr.render(v, integrator=wvr.Riemann), "got the class Riemann: say Riemann(...)"),
+        (lambda v: wvr.render([v, v]), "one volume, got a list of 2: wvr.time_series"),
+        (lambda v: wvr.render(np.zeros((2, 8, 8, 8))), "wvr.time_series renders arrays [t, z, y, x]"),
+        (lambda v: wvr.render(np.zeros((8, 8))), "a single slice is array[None]"),
+        (lambda v: wvr.render(np.zeros((8, 8, 8, 4), np.uint8)), "one component a sample"),
+        (lambda v: wvr.render(pv.MultiBlock([v.to_pyvista()])), "pass one of them, such as data[0]"),
+        (lambda v: wvr.render(pv.Sphere()), "a surface has none"),
+        (lambda v: wvr.render("sphers"), "did you mean the dataset 'spheres'?"),
+        (lambda v: wvr.Volume(v.to_pyvista()), "wvr.as_volume takes it"),
+        (lambda v: wvr.Volume("a.nrrd"), "wvr.read reads files"),
+        (lambda v: wvr.Volume(np.zeros((3, 3, 3), bool)), "cast it to uint8"),
+        (lambda v: wvr.Volume(np.ma.masked_all((3, 3, 3))), "wvr.as_volume(array) renders them as nothing"),
+    ],
+)
+def test_a_slip_is_told_in_a_sentence(volume, call, message):
+    with pytest.raises((TypeError, ValueError, OSError)) as caught:
+        call(volume)
+    assert message in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_grids_that_are_not_regular_are_resampled_and_say_so(volume):
+    axis = np.array([0.0, 1.0, 2.5, 4.0])
+    rectilinear = pv.RectilinearGrid(axis, axis, axis)
+    rectilinear["a"] = np.arange(64.0)
+    for grid in (rectilinear, rectilinear.cast_to_structured_grid(), rectilinear.cast_to_unstructured_grid()):
+        with pytest.warns(UserWarning, match=f"the {type(grid).__name__} is resampled on .* samples"):
+            wvr.as_volume(grid)
+
+
+def test_type_checkers_know_the_keywords():
+    """Those that are written down for them are those that there are."""
+    parameters = inspect.signature(wvr.render).parameters
+    keywords = {name for name, parameter in parameters.items() if parameter.kind is parameter.KEYWORD_ONLY}
+    assert set(Options.__annotations__) | {"integrator", "tolerance"} == keywords
+    assert set(MovieOptions.__annotations__) == keywords - {"cancel"}

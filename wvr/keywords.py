@@ -1,0 +1,116 @@
+"""Keywords of :func:`wvr.render`: for type checkers, and what other libraries call them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, TypedDict
+
+from .validation import near
+
+if TYPE_CHECKING:
+    from threading import Event
+
+    from .colormaps import Opacity
+    from .cuts.base import Clip
+    from .cuts.labels import Segmentation
+    from .defaults import LightingLike
+    from .integrators import Integrator
+    from .light.shadows import ConvolutionShadows
+    from .scene import Precision
+
+
+class Look(TypedDict, total=False):
+    """What is common to images and movies."""
+
+    opacity: Opacity | None
+    clim: Sequence[float] | float | None
+    lighting: LightingLike | None
+    shadows: ConvolutionShadows | bool | None
+    background: str | Sequence[float] | None
+    precision: Precision
+    device: Any
+    termination: float | None
+    skip_empty: bool
+    clip: Clip | Sequence[Clip] | None
+    segmentation: Segmentation | None
+
+
+class Options(Look, total=False):
+    """Keywords of :func:`wvr.render` but those that say which kind of image it returns."""
+
+    cancel: Event | None
+
+
+class MovieOptions(Look, total=False):
+    """Keywords that all movies pass on."""
+
+    integrator: Integrator | None
+    tolerance: float | None
+
+
+class SeriesOptions(MovieOptions, total=False):
+    """Keywords of :func:`wvr.time_series` but ``output``."""
+
+    size: tuple[int, int]
+    fps: float
+
+
+class OrbitOptions(SeriesOptions, total=False):
+    """Keywords of :func:`wvr.orbit`."""
+
+    elevation: float
+    turn: float
+
+
+MAP = "make a transfer function, wvr.TransferFunction.from_colormap(cmap, clim, opacity, {})"
+ARRAY = "say it with the array: wvr.as_volume(array, {})"
+LIGHT = "say lighting=wvr.Lighting({})"
+PLOT = "image.plot({}) draws around an image, and returns Matplotlib's axes to draw more"
+WINDOW = "rendering opens no window: image.show() does, image.save(path) writes a file"
+# Of PyVista's add_volume, plotters and show, and of others: what to write here.
+ELSEWHERE = {
+    "cmap": 'give the colour map, its name or a list of colours as the transfer function: wvr.render(data, "viridis")',
+    "shade": "say lighting=True",
+    "blending": 'say integrator=wvr.Projection("max"), or "min", "mean", "sum"',
+    "n_colors": MAP.format("n_colors=8"),
+    "log_scale": MAP.format("log_scale=True"),
+    "opacity_unit_distance": MAP.format("unit_distance=2.0"),
+    "flip_scalars": 'reverse the colour map: "viridis_r"',
+    "scalars": 'say wvr.as_volume(data, scalars="name"), or data.wvr.render(scalars="name")',
+    "preference": "point and cell arrays are told apart by their length; data.cell_data_to_point_data() moves them",
+    "mapper": "there is one for all; device= says where it runs",
+    "categories": "labels are recognised; wvr.Segmentation gives each a transfer function",
+    "annotations": PLOT.format(""),
+    "show_scalar_bar": PLOT.format("scalar_bar=True"),
+    "scalar_bar_args": PLOT.format("scalar_bar=True"),
+    "ambient": LIGHT.format("ambient=0.2"),
+    "diffuse": LIGHT.format("diffuse=0.7"),
+    "specular": LIGHT.format("specular=0.3"),
+    "specular_power": LIGHT.format("shininess=32"),
+    "resolution": ARRAY.format("spacing=(1, 1, 2.5)"),
+    "spacing": ARRAY.format("spacing=(1, 1, 2.5)"),
+    "origin": ARRAY.format("origin=(0, 0, 0)"),
+    "axes": ARRAY.format('axes="xyz"'),
+    "nan": ARRAY.format('nan="transparent"'),
+    "user_matrix": "say it with the volume: wvr.Volume(array, spacing, origin, direction)",
+    "window_size": "say size=(width, height)",
+    "cpos": 'say camera="iso", or camera=[position, focal point, up]',
+    "camera_position": 'say camera="iso", or camera=[position, focal point, up]',
+    "color": "colours are of scalars: wvr.render(data, ['black', 'red'])",
+    "off_screen": WINDOW,
+    "notebook": "notebooks show the image that a cell ends with",
+    "jupyter_backend": "notebooks show the image that a cell ends with",
+    "screenshot": WINDOW,
+    "output": WINDOW,
+    "filename": WINDOW,
+    "threads": "wvr.set_num_threads(n) sets it for all",
+    "step": "say integrator=wvr.Riemann(step), or tolerance= for an error",
+}
+
+
+def refuse(function: str, unknown: Mapping[str, Any], known: Sequence[str]) -> None:
+    """An error for keywords that a function does not have, with what to write instead where that is known."""
+    if unknown:
+        name = next(iter(unknown))
+        said = f"; {ELSEWHERE[name]}" if name in ELSEWHERE else near(name, known)
+        raise TypeError(f"{function} has no keyword {name!r}{said}")
