@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and what their names must end in."""
+"""Files that appear whole or not at all, what their names must end in, and which are read at all."""
 
 from __future__ import annotations
 
@@ -10,6 +10,36 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
+
+# Bytes of a text that is read at once, beyond any that is meant.
+LONGEST_TEXT = 1 << 26
+
+
+def regular(path: Path) -> int:
+    """The size of a file.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where there is none.
+    OSError
+        For anything but a regular file, as others may never end.
+    """
+    found = path.stat()
+    if not stat.S_ISREG(found.st_mode):
+        kinds = (
+            (stat.S_ISDIR, "folder"), (stat.S_ISFIFO, "pipe"), (stat.S_ISSOCK, "socket"), (stat.S_ISCHR, "device"),
+        )  # fmt: skip
+        kind = next((name for is_kind, name in kinds if is_kind(found.st_mode)), "device")
+        raise OSError(f"{path} is a {kind}, a regular file is expected: write its content into one first")
+    return found.st_size
+
+
+def read_text(path: Path) -> str:
+    """The text of a UTF-8 file."""
+    if (size := regular(path)) > LONGEST_TEXT:
+        raise OSError(f"{path} has {size:,} bytes; a text of at most {LONGEST_TEXT:,} is expected")
+    return path.read_text(encoding="utf-8")
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from .framing import framed, visible_points
 from .image import Image
 from .renderer import Renderer
 from .sources import as_volume
-from .validation import positive, within
+from .validation import integer, path_of, positive, within
 from .views import front_and_up
 from .volume import Volume
 
@@ -85,11 +85,10 @@ def orbit(
     >>> [image.size for image in wvr.orbit(wvr.datasets.load("blobs", 16), frames=2, size=(8, 6))]
     [(8, 6), (8, 6)]
     """
-    if isinstance(frames, bool) or not isinstance(frames, int | np.integer) or frames < 1:
-        raise ValueError(f"frames must be an integer >= 1, got {frames!r}")
+    frames = integer(frames, "frames", 1)
     elevation, turn = within(elevation, "elevation", 90.0), within(turn, "turn", np.inf)
     if output is not None:
-        _kind(output)
+        _kind(output, "output")
         positive(fps, "fps")
     size = image_size(size)
     volume = as_volume(data)
@@ -172,7 +171,7 @@ def time_series(
         Other keywords of :func:`wvr.render`.
     """
     if output is not None:
-        _kind(output)
+        _kind(output, "output")
         positive(fps, "fps")
     size = image_size(size)
     moments, count = _moments(data)
@@ -261,7 +260,7 @@ def save_movie(
     """
     if not isinstance(images, Iterable):
         raise TypeError(f"images must be iterable, a list of images or the like, got {images!r}")
-    kind, target = _kind(path), Path(path)
+    target, kind = path_of(path), _kind(path, "path")
     positive(fps, "fps")
     if count is None and isinstance(images, Sequence):
         count = len(images)
@@ -286,17 +285,17 @@ def save_movie(
     return target
 
 
-def _kind(path: str | os.PathLike[str]) -> str:
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"output must be a path, got {path!r}")
-    suffix = Path(path).suffix.lower()
-    folder = str(path).endswith(("/", os.sep)) or suffix == ""
+def _kind(given: str | os.PathLike[str], name: str) -> str:
+    """The extension of a movie, empty for a folder; ``name`` is that of the argument."""
+    path = path_of(given, name)
+    suffix = path.suffix.lower()
+    folder = os.fsdecode(given).endswith(("/", os.sep)) or suffix == ""
     if not folder and suffix not in SUFFIXES:
         raise ValueError(
-            f"output must end in {', '.join(SUFFIXES)}, or be a folder (a name ending in /), got {str(path)!r}"
+            f"{name} must end in {', '.join(SUFFIXES)}, or be a folder (a name ending in /), got {str(path)!r}"
         )
-    if folder and Path(path).exists() and (not Path(path).is_dir() or any(Path(path).iterdir())):
-        raise ValueError(f"output must be a new or empty folder, got {str(path)!r}")
+    if folder and path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise ValueError(f"{name} must be a new or empty folder, got {str(path)!r}")
     if suffix == ".mp4" and not folder:
         _ffmpeg()
     return "" if folder else suffix

@@ -9,7 +9,6 @@ from __future__ import annotations
 import bz2
 import math
 import os
-import stat
 import warnings
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +19,7 @@ from typing import Any, BinaryIO, Protocol
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from ..files import regular
 from ..memory import free_host_memory
 from ..samples import Unsupported
 
@@ -63,26 +63,6 @@ def corrupt(path: Path) -> Iterator[None]:
             f"{path} is truncated or corrupt: {type(error).__name__}: {error}; copy it again, or write it anew with "
             f"the program that made it"
         ) from error
-
-
-def regular(path: Path) -> int:
-    """The size of a file.
-
-    Raises
-    ------
-    FileNotFoundError
-        Where there is none.
-    OSError
-        For anything but a regular file.
-    """
-    found = path.stat()
-    if not stat.S_ISREG(found.st_mode):
-        kinds = (
-            (stat.S_ISDIR, "folder"), (stat.S_ISFIFO, "pipe"), (stat.S_ISSOCK, "socket"), (stat.S_ISCHR, "device"),
-        )  # fmt: skip
-        kind = next((name for is_kind, name in kinds if is_kind(found.st_mode)), "device")
-        raise OSError(f"{path} is a {kind}, a regular file is expected: write its content into one first")
-    return found.st_size
 
 
 @contextmanager
