@@ -248,11 +248,13 @@ def unpacking(file: Any, packing: str) -> Stream:
 
 
 class Inflating:
-    """The content of a gzip file (all its members) or of a zlib stream, checked to its end and check sum."""
+    """The content of a gzip file (all its members) or of a zlib stream, checked to its end and check sum; or, as by
+    ``wbits``, of a stream without header.
+    """
 
-    def __init__(self, file: Stream):
+    def __init__(self, file: Stream, wbits: int = 47):
         self._file = file
-        self._stream = zlib.decompressobj(wbits=47)  # either header
+        self._stream = zlib.decompressobj(wbits=wbits)
         self._data = b""
 
     def read(self, count: int, /) -> bytes:
