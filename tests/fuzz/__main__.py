@@ -13,7 +13,7 @@ from pathlib import Path
 from .run import LIMITS, run
 
 # How many cases of a kind come before the next kind's turn.
-TURN = {"files": 5000, "arguments": 500, "scenes": 20}
+TURN = {"files": 4000, "arguments": 1000, "scenes": 20}
 
 
 def main() -> int:
