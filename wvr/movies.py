@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
+import stat
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from .camera import Camera, image_size
 from .cuts.base import clip_list
 from .defaults import Call, lighting_of, shadows_of
+from .files import scratch_folder
 from .framing import framed, visible_points
 from .image import Image
 from .renderer import Renderer
@@ -260,7 +261,8 @@ def save_movie(
     """
     if not isinstance(images, Iterable):
         raise TypeError(f"images must be iterable, a list of images or the like, got {images!r}")
-    target, kind = path_of(path), _kind(path, "path")
+    named, kind = path_of(path), _kind(path, "path")
+    target = Path(os.path.realpath(named))
     positive(fps, "fps")
     if count is None and isinstance(images, Sequence):
         count = len(images)
@@ -272,8 +274,8 @@ def save_movie(
     parent = target.parent
     if not parent.is_dir():
         raise FileNotFoundError(f"path must be in a folder that exists, got {str(target)!r}")
-    with tempfile.TemporaryDirectory(prefix=".wvr-", dir=parent) as folder:
-        made = Path(folder) / ("movie" + kind)
+    with scratch_folder(target) as folder:
+        made = folder / ("movie" + kind)
         WRITERS[kind](chain([first], pixels), made, float(fps))
         if kind == "":
             if target.is_dir():
@@ -281,8 +283,10 @@ def save_movie(
             made.chmod(0o777 & ~_umask())
             shutil.move(made, target)
         else:
+            if target.exists():
+                made.chmod(stat.S_IMODE(target.stat().st_mode))
             os.replace(made, target)
-    return target
+    return named
 
 
 def _kind(given: str | os.PathLike[str], name: str) -> str:
@@ -343,17 +347,26 @@ def _write_mp4(frames: Iterator[NDArray[np.uint8]], path: Path, fps: float) -> N
     # Few errors, and colours at every pixel are halved only in chroma, as players expect.
     writer = _ffmpeg().write_frames(
         str(path), (width, height), fps=fps, codec="libx264", quality=None, macro_block_size=1,
-        output_params=["-crf", "16", "-preset", "medium"],
+        output_params=["-crf", "16", "-preset", "medium"], ffmpeg_log_level="fatal",
     )  # fmt: skip
     writer.send(None)
+    count = 0
     try:
         for frame in chain([first], frames):
+            count += 1
             padded = np.pad(frame, [(0, height - frame.shape[0]), (0, width - frame.shape[1]), (0, 0)], "edge")
             writer.send(np.ascontiguousarray(padded))
     finally:
         writer.close()
-    if not path.exists():
-        raise OSError(f"ffmpeg wrote no movie of {width} x {height} pixels")
+    # Nobody says how ffmpeg ended, and it leaves what it has where a disk is full.
+    try:
+        written = _ffmpeg().count_frames_and_secs(str(path))[0]
+    except (RuntimeError, OSError):
+        written = 0
+    if written != count:
+        raise OSError(
+            f"ffmpeg wrote {written} of {count} frames of {width} x {height} pixels: is there space for them?"
+        )
 
 
 def _write_gif(frames: Iterator[NDArray[np.uint8]], path: Path, fps: float) -> None:
