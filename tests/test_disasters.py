@@ -17,6 +17,8 @@ from PIL import Image as PillowImage
 
 import wvr
 
+from .helpers import mounted
+
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork and signals")
 resource = pytest.importorskip("resource")
 
@@ -118,21 +120,6 @@ def test_killed_while_it_writes(tmp_path, saving):
         shutil.rmtree(path)
     save(path, False)
     assert os.listdir(tmp_path) == [name] and whole(path)
-
-
-@contextlib.contextmanager
-def mounted(folder: Path, options: str):
-    """A file system of its own, where that may be."""
-    folder.mkdir()
-    if (
-        shutil.which("mount") is None
-        or subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", folder], capture_output=True).returncode
-    ):
-        pytest.skip("no file system can be mounted here")
-    try:
-        yield folder
-    finally:
-        subprocess.run(["umount", folder], check=True)
 
 
 def check_nothing_new(folder: Path, name: str, save) -> None:
