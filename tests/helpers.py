@@ -1,5 +1,8 @@
 """What tests share: the integrators, small scenes, cameras along an axis, and how far images are apart."""
 
+import shutil
+import subprocess
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -98,3 +101,18 @@ def assert_certified(volume, tf, camera, tolerance, size=(16, 16), options=None,
     assert np.all(error <= image.error_bound), f"{error.max()}, bound {image.error_bound.max()}"
     assert image.error_bound.max() <= tolerance and image.stats["rays_over_tolerance"] == 0
     return image
+
+
+@contextmanager
+def mounted(folder: Path, options: str):
+    """A file system of its own, where that may be."""
+    folder.mkdir()
+    if (
+        shutil.which("mount") is None
+        or subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", folder], capture_output=True).returncode
+    ):
+        pytest.skip("no file system can be mounted here")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", folder], check=True)

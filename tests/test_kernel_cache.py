@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 import warp as wp
+
+from .helpers import mounted
 
 # A process that squares 3, by a kernel as small as can be.
 SQUARE = """
@@ -61,6 +65,12 @@ def test_damaged_kernels_are_compiled_anew(script, tmp_path):
     damages = {
         "zeros": lambda: binary.write_bytes(whole[:100] + bytes(len(whole) - 100)),
         "unsealed": lambda: (binary.write_bytes(b""), compiled(tmp_path, "seal.json").unlink()),
+        "no records": lambda: (
+            compiled(tmp_path, ".meta").write_bytes(b"\xff{"),
+            compiled(tmp_path, "seal.json").write_bytes(b"[\xfe"),
+            binary.write_bytes(whole[: len(whole) // 2]),
+        ),
+        "a file in the folder's place": lambda: (shutil.rmtree(binary.parent), binary.parent.write_text("")),
     }
     for name, damage in damages.items():
         damage()
@@ -74,6 +84,30 @@ def test_kernels_that_cannot_be_kept_are_compiled_elsewhere(script, tmp_path):
     result = run(script, tmp_path / "file" / "below")
     assert result.stdout == "9.0\n"
     assert "kernels cannot be kept in" in result.stderr and "WARP_CACHE_PATH" in result.stderr
+
+
+def test_a_process_that_is_killed_while_it_compiles(script, tmp_path):
+    """What it leaves is not taken for a kernel."""
+    environment = os.environ | {"WARP_CACHE_PATH": str(tmp_path), "PYTHONPATH": str(Path(__file__).parents[1])}
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    process = subprocess.Popen([sys.executable, script], env=environment, **quiet)
+    end = time.monotonic() + 60
+    while not list(tmp_path.glob("*/*wp_*")) and process.poll() is None and time.monotonic() < end:
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    assert run(script, tmp_path).stdout == "9.0\n"
+
+
+def test_a_full_disk(script, tmp_path, monkeypatch):
+    """Kernels go elsewhere; where there is no room either, that is an error."""
+    with mounted(tmp_path / "disk", "size=200k") as disk:
+        result = run(script, disk)
+        assert result.stdout == "9.0\n" and "kernels cannot be kept in" in result.stderr
+        monkeypatch.setenv("TMPDIR", str(disk))
+        result = run(script, disk)
+    assert result.returncode == 1 and result.stdout == ""
+    assert "OSError: kernels can be compiled neither into" in result.stderr and "No space left" in result.stderr
 
 
 @pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="the system has no way to ask for space")

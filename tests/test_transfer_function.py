@@ -240,7 +240,7 @@ def test_fewer_colours_and_symmetric_limits():
     assert (tf.knots.tolist(), tf.opacities.tolist()) == ([-2.5, 0, 2.5], [0.5] * 3)
     full = TransferFunction.from_colormap("viridis", (-2.5, 2.5), 0.5)
     np.testing.assert_allclose(tf.colors, full.color(tf.knots), atol=1e-12)
-    with pytest.raises(ValueError, match="n_colors must be an integer >= 2, got 1"):
+    with pytest.raises(ValueError, match="n_colors must be an integer from 2 to 65536, got 1"):
         TransferFunction.from_colormap("viridis", (0, 1), n_colors=1)
 
 

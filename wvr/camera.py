@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .field.base import Field
-from .validation import finite_vector, positive, within
+from .validation import finite_vector, flag, float_array, positive, within
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -179,7 +179,7 @@ class Camera:
         radius = float(np.linalg.norm(volume.corners - center, axis=1).max())
         half_angle = np.arctan(np.tan(np.radians(_view_angle(view_angle)) / 2) * narrowness)
         position = center + radius / np.sin(half_angle) * towards
-        return cls(position, center, up, view_angle, radius / narrowness if parallel else None)
+        return cls(position, center, up, view_angle, radius / narrowness if flag(parallel, "parallel") else None)
 
     @classmethod
     def orbit(
@@ -238,7 +238,10 @@ class Camera:
         """
         width, height = image_size(size)
         right, up, forward = self.basis()
-        offset = np.asarray(points, np.float64) - self.position
+        given = float_array(points, "points")
+        if given.ndim < 1 or given.shape[-1] != 3:
+            raise ValueError(f"points must be (..., 3) world coordinates, got shape {given.shape}")
+        offset = given - self.position
         depth = offset @ forward
         if self.parallel_scale is not None:
             half: Any = self.parallel_scale

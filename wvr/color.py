@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .validation import near
+from .validation import float_array, near
 
 PLAIN = {"black": "#000000", "white": "#ffffff"}
 ACCEPTED = "a colour name, '#rrggbb', or three finite linear numbers >= 0"
@@ -24,6 +25,11 @@ def linear_to_srgb(linear: ArrayLike) -> NDArray[np.float64]:
     """sRGB-encoded values of linear ones, both with 0 as black and 1 as white; any shape, float64."""
     linear = np.asarray(linear, np.float64)
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * np.maximum(linear, 0.0) ** (1 / 2.4) - 0.055)
+
+
+def is_clear(background: Any) -> bool:
+    """Whether nothing is behind."""
+    return background is None or (isinstance(background, str) and background == "transparent")
 
 
 def linear_rgb(color: str | Sequence[float], name: str = "color") -> NDArray[np.float64]:
@@ -62,8 +68,8 @@ def linear_rgb(color: str | Sequence[float], name: str = "color") -> NDArray[np.
             raise ValueError(f"{name} must be opaque, got {color!r}")
         return srgb_to_linear(encoded)
     try:
-        linear = np.array(color, np.float64)
-    except (TypeError, ValueError):
+        linear = float_array(color, name)
+    except TypeError:
         raise ValueError(f"{name} must be {ACCEPTED}, got {color!r}") from None
     if linear.shape != (3,) or not np.all(np.isfinite(linear) & (linear >= 0)):
         raise ValueError(f"{name} must be {ACCEPTED}, got {color!r}")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .color import linear_rgb, srgb_to_linear
-from .validation import finite_array, near
+from .validation import finite_array, integer, near
 
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap
@@ -22,6 +22,8 @@ Opacity: TypeAlias = str | ArrayLike
 NAMES = ("linear", "geom", "sigmoid", "foreground")
 # Entries of a named opacity.
 ENTRIES = 256
+# Colours of a map at most, beyond any that can be told apart.
+MOST_COLORS = 1 << 16
 # By how much opacity between two control points may differ from linear, about.
 CURVED = 1 / 1024
 
@@ -36,7 +38,7 @@ def entries(colormap: Colors, n_colors: int | None = None) -> Floats:
             hint = near(colormap, list(matplotlib.colormaps))
             raise ValueError(f"colormap must be one of matplotlib.colormaps, such as 'viridis', got {colormap!r}{hint}")
         colormap = matplotlib.colormaps[colormap]
-    if isinstance(colormap, list | tuple | np.ndarray):
+    if isinstance(colormap, list | tuple) or (isinstance(colormap, np.ndarray) and colormap.ndim):
         if len(colormap) < 2:
             raise ValueError(f"colormap must be a list of two or more colours, got {colormap!r}")
         rgb = np.array([linear_rgb(color, f"colormap[{i}]") for i, color in enumerate(colormap)])
@@ -48,9 +50,7 @@ def entries(colormap: Colors, n_colors: int | None = None) -> Floats:
         )
     if n_colors is None:
         return rgb
-    if isinstance(n_colors, bool) or int(n_colors) != n_colors or n_colors < 2:
-        raise ValueError(f"n_colors must be an integer >= 2, got {n_colors!r}")
-    at = np.linspace(0, len(rgb) - 1, int(n_colors))
+    at = np.linspace(0, len(rgb) - 1, integer(n_colors, "n_colors", 2, MOST_COLORS))
     return np.stack([np.interp(at, np.arange(len(rgb)), channel) for channel in rgb.T], axis=-1)
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from functools import cached_property
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .files import known_suffix, whole_file
 from .image import Image
+from .validation import finite_array, float_array, path_of
 
 LIMITS = (1e-2, 5e-3, 1e-3, 1e-4)
 DECADES = tuple(10.0**k for k in range(-9, 1))
@@ -35,8 +36,11 @@ class Comparison:
     """
 
     def __init__(self, difference: Floats, limits: Sequence[float]):
-        self._difference = difference
-        self.limits = tuple(limits)
+        self._difference = _rgba(difference, "difference")
+        given = finite_array(limits, "limits", (-1,))
+        if np.any(given <= 0):
+            raise ValueError(f"limits must be finite and > 0, got {tuple(given.tolist())}")
+        self.limits = tuple(given.tolist())
 
     def difference(self) -> Floats:
         """Absolute difference of each channel, float64 (height, width, 4)."""
@@ -94,7 +98,10 @@ class Comparison:
 
     def histogram(self, decades: Sequence[float] = DECADES) -> tuple[NDArray, Floats]:
         """Rays by their largest error: counts, and the edges between them from 0 to infinity."""
-        edges = np.array([0.0, *decades, np.inf])
+        given = finite_array(decades, "decades", (-1,))
+        if np.any(given <= 0) or np.any(np.diff(given) <= 0):
+            raise ValueError(f"decades must be > 0 and ascending, got {tuple(given.tolist())}")
+        edges = np.array([0.0, *given, np.inf])
         return np.histogram(self.map, edges)[0], edges
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -115,7 +122,7 @@ class Comparison:
         from matplotlib.colors import LogNorm
         from matplotlib.figure import Figure
 
-        path = Path(path)
+        path = path_of(path)
         figure = Figure(figsize=(6, 6 * self.map.shape[0] / self.map.shape[1] + 0.2), layout="constrained")
         # PGF is text with pictures in files of their own.
         formats = sorted(set(figure.canvas.get_supported_filetypes()) - {"pgf"})
@@ -171,14 +178,17 @@ def compare(
     """
     arrays = []
     for name, value in (("image", image), ("reference", reference)):
-        rgba = np.asarray(value.rgba if isinstance(value, Image) else value, np.float64)
-        if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.size == 0:
-            raise ValueError(f"{name} must be an Image or an array (height, width, 4), got shape {rgba.shape}")
-        if not np.all(np.isfinite(rgba)):
-            raise ValueError(f"{name} must be finite, got {np.count_nonzero(~np.isfinite(rgba))} values that are not")
-        arrays.append(rgba)
+        arrays.append(_rgba(value.rgba if isinstance(value, Image) else value, name))
     if arrays[0].shape != arrays[1].shape:
         raise ValueError(f"image and reference must be of one size, got {arrays[0].shape} and {arrays[1].shape}")
-    if not all(np.isfinite(limit) and limit > 0 for limit in limits):
-        raise ValueError(f"limits must be finite and > 0, got {tuple(limits)}")
     return Comparison(np.abs(arrays[0] - arrays[1]), limits)
+
+
+def _rgba(value: Any, name: str) -> Floats:
+    """Finite float64 numbers, (height, width, 4)."""
+    rgba = float_array(value, name)
+    if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.size == 0:
+        raise ValueError(f"{name} must be an Image or an array (height, width, 4), got shape {rgba.shape}")
+    if not np.all(np.isfinite(rgba)):
+        raise ValueError(f"{name} must be finite, got {np.count_nonzero(~np.isfinite(rgba))} values that are not")
+    return rgba

@@ -6,15 +6,15 @@ import os
 from collections.abc import Callable, Sequence
 from io import BytesIO
 from operator import index
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .color import linear_rgb, linear_to_srgb
+from .color import is_clear, linear_rgb, linear_to_srgb
 from .display import Shown, plot
 from .files import known_suffix, whole_file
+from .validation import path_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,7 +69,7 @@ class Image:
         for name, array in (("samples", samples), ("error_bound", error_bound)):
             if array is not None and array.shape != rgba.shape[:2]:
                 raise ValueError(f"{name} must have the shape {rgba.shape[:2]} of rgba, got {array.shape}")
-        if not _is_clear(background):
+        if not is_clear(background):
             linear_rgb(background, "background")  # type: ignore[arg-type]
         self.rgba = rgba
         self.samples = samples
@@ -150,7 +150,7 @@ class Image:
             premultiplied and whose alpha is linear.
         """
         background = self.background if background is None else background
-        behind = None if _is_clear(background) else linear_rgb(background, "background")  # type: ignore[arg-type]
+        behind = None if is_clear(background) else linear_rgb(background, "background")  # type: ignore[arg-type]
         width, height = self.size
         pixels = np.empty((height, width, 4 if behind is None else 3), np.uint8)
         # In strips: what is on the way is many times as large as what comes of it.
@@ -222,12 +222,12 @@ class Image:
         OSError
             Where the file cannot be written; ``FileNotFoundError`` where its folder does not exist.
         """
-        path = Path(path)
+        path = path_of(path)
         suffix = known_suffix(path, (*PIXEL_WRITERS, *FLOAT_WRITERS))
         if suffix in PIXEL_WRITERS:
             background = self.background if background is None else background
             if suffix != ".png":
-                if background is not None and _is_clear(background):
+                if background is not None and is_clear(background):
                     raise ValueError(f'background must be a colour for {suffix}, which is opaque, got "transparent"')
                 background = "white" if background is None else background
             pixels = self.to_uint8(background)
@@ -269,11 +269,6 @@ class BoundedImage(Image):
     """
 
     error_bound: NDArray[np.floating]
-
-
-def _is_clear(background: str | Sequence[float] | None) -> bool:
-    """Whether nothing is behind."""
-    return background is None or (isinstance(background, str) and background == "transparent")
 
 
 def _straight(rgba: NDArray[np.float64]) -> NDArray[np.uint8]:

@@ -36,7 +36,9 @@ def from_pyvista(image_data: pv.ImageData, scalars: str | None = None, nan: NanP
     """
     import pyvista as pv
 
-    image = pv.wrap(image_data)
+    if not isinstance(scalars, str | None):
+        raise TypeError(f"scalars must be the name of an array or None, got {scalars!r}")
+    image = pv.wrap(image_data) if hasattr(image_data, "IsA") else None
     if not isinstance(image, pv.ImageData):
         raise TypeError(f"image_data must be a pyvista.ImageData, got {type(image_data).__name__}; {RESAMPLE}")
     values, on_cells = _pick_array(image, scalars)

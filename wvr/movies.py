@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
+import stat
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from .camera import Camera, image_size
 from .cuts.base import clip_list
 from .defaults import Call, lighting_of, shadows_of
+from .files import scratch_folder
 from .framing import framed, visible_points
 from .image import Image
 from .keywords import MovieOptions, refuse
 from .renderer import Renderer
 from .sources import as_volume
-from .validation import positive, within
+from .validation import integer, path_of, positive, within
 from .views import front_and_up
 from .volume import Volume
 
@@ -98,11 +99,10 @@ def orbit(
     >>> [image.size for image in wvr.orbit(wvr.datasets.load("blobs", 16), frames=2, size=(8, 6))]
     [(8, 6), (8, 6)]
     """
-    if isinstance(frames, bool) or not isinstance(frames, int | np.integer) or frames < 1:
-        raise ValueError(f"frames must be an integer >= 1, got {frames!r}")
+    frames = integer(frames, "frames", 1)
     elevation, turn = within(elevation, "elevation", 90.0), within(turn, "turn", np.inf)
     if output is not None:
-        _kind(output)
+        _kind(output, "output")
         positive(fps, "fps")
     size = image_size(size)
     volume = as_volume(data)
@@ -190,7 +190,7 @@ def time_series(
         Other keywords of :func:`wvr.render`.
     """
     if output is not None:
-        _kind(output)
+        _kind(output, "output")
         positive(fps, "fps")
     size = image_size(size)
     moments, count = _moments(data)
@@ -282,7 +282,8 @@ def save_movie(
     """
     if not isinstance(images, Iterable):
         raise TypeError(f"images must be iterable, a list of images or the like, got {images!r}")
-    kind, target = _kind(path), Path(path)
+    named, kind = path_of(path), _kind(path, "path")
+    target = Path(os.path.realpath(named))
     positive(fps, "fps")
     if count is None and isinstance(images, Sequence):
         count = len(images)
@@ -294,8 +295,8 @@ def save_movie(
     parent = target.parent
     if not parent.is_dir():
         raise FileNotFoundError(f"path must be in a folder that exists, got {str(target)!r}")
-    with tempfile.TemporaryDirectory(prefix=".wvr-", dir=parent) as folder:
-        made = Path(folder) / ("movie" + kind)
+    with scratch_folder(target) as folder:
+        made = folder / ("movie" + kind)
         WRITERS[kind](chain([first], pixels), made, float(fps))
         if kind == "":
             if target.is_dir():
@@ -303,21 +304,23 @@ def save_movie(
             made.chmod(0o777 & ~_umask())
             shutil.move(made, target)
         else:
+            if target.exists():
+                made.chmod(stat.S_IMODE(target.stat().st_mode))
             os.replace(made, target)
-    return target
+    return named
 
 
-def _kind(path: str | os.PathLike[str]) -> str:
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"output must be a path, got {path!r}")
-    suffix = Path(path).suffix.lower()
-    folder = str(path).endswith(("/", os.sep)) or suffix == ""
+def _kind(given: str | os.PathLike[str], name: str) -> str:
+    """The extension of a movie, empty for a folder; ``name`` is that of the argument."""
+    path = path_of(given, name)
+    suffix = path.suffix.lower()
+    folder = os.fsdecode(given).endswith(("/", os.sep)) or suffix == ""
     if not folder and suffix not in SUFFIXES:
         raise ValueError(
-            f"output must end in {', '.join(SUFFIXES)}, or be a folder (a name ending in /), got {str(path)!r}"
+            f"{name} must end in {', '.join(SUFFIXES)}, or be a folder (a name ending in /), got {str(path)!r}"
         )
-    if folder and Path(path).exists() and (not Path(path).is_dir() or any(Path(path).iterdir())):
-        raise ValueError(f"output must be a new or empty folder, got {str(path)!r}")
+    if folder and path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise ValueError(f"{name} must be a new or empty folder, got {str(path)!r}")
     if suffix == ".mp4" and not folder:
         _ffmpeg()
     return "" if folder else suffix
@@ -365,17 +368,26 @@ def _write_mp4(frames: Iterator[NDArray[np.uint8]], path: Path, fps: float) -> N
     # Few errors, and colours at every pixel are halved only in chroma, as players expect.
     writer = _ffmpeg().write_frames(
         str(path), (width, height), fps=fps, codec="libx264", quality=None, macro_block_size=1,
-        output_params=["-crf", "16", "-preset", "medium"],
+        output_params=["-crf", "16", "-preset", "medium"], ffmpeg_log_level="fatal",
     )  # fmt: skip
     writer.send(None)
+    count = 0
     try:
         for frame in chain([first], frames):
+            count += 1
             padded = np.pad(frame, [(0, height - frame.shape[0]), (0, width - frame.shape[1]), (0, 0)], "edge")
             writer.send(np.ascontiguousarray(padded))
     finally:
         writer.close()
-    if not path.exists():
-        raise OSError(f"ffmpeg wrote no movie of {width} x {height} pixels")
+    # Nobody says how ffmpeg ended, and it leaves what it has where a disk is full.
+    try:
+        written = _ffmpeg().count_frames_and_secs(str(path))[0]
+    except (RuntimeError, OSError):
+        written = 0
+    if written != count:
+        raise OSError(
+            f"ffmpeg wrote {written} of {count} frames of {width} x {height} pixels: is there space for them?"
+        )
 
 
 def _write_gif(frames: Iterator[NDArray[np.uint8]], path: Path, fps: float) -> None:

@@ -23,6 +23,7 @@ from .light.lighting import Lighting
 from .light.lights import Headlight, Light
 from .scene import Precision, Scene
 from .transfer_function import TransferFunction
+from .validation import integer, real
 from .volume import Volume
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
@@ -132,10 +133,9 @@ def single_scattering(
 
 def cone(spread: float, directions: int) -> NDArray[np.float64]:
     """Unit vectors about z, evenly over the solid angle of a cone of half-angle ``spread`` [degrees]: (n, 3)."""
-    if not isinstance(spread, int | float | np.number) or not 0 <= spread < 90:
+    if not 0 <= real(spread, "spread", "an angle in [0, 90) degrees") < 90:
         raise ValueError(f"spread must be an angle in [0, 90) degrees, got {spread!r}")
-    if isinstance(directions, bool) or not isinstance(directions, int | np.integer) or not 1 <= directions <= MOST:
-        raise ValueError(f"directions must be an integer from 1 to {MOST}, got {directions!r}")
+    directions = integer(directions, "directions", 1, MOST)
     if spread == 0:
         directions = 1
     k = np.arange(directions)

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .camera import Camera
-from .color import linear_rgb
+from .color import is_clear, linear_rgb
 from .cuts.base import Clip
 from .cuts.labels import LabelKinds, Segmentation, States
 from .field.base import Field
@@ -22,7 +22,7 @@ from .light.lighting import Lighting
 from .light.shadows import ConvolutionShadows
 from .transfer.function import CLOSEST, Transfer
 from .transfer_function import TransferFunction
-from .validation import choice
+from .validation import choice, real
 
 Precision = Literal["auto", "float32", "float64"]
 # Magnitudes that a precision holds, with room for what is computed from them.
@@ -69,10 +69,10 @@ class Scene:
         choice(self.precision, "precision", ("auto", *REALS))
         if not isinstance(self.skip_empty, bool | np.bool_):
             raise TypeError(f"skip_empty must be True or False, got {self.skip_empty!r}")
-        if self.termination is not None and not 0 <= self.termination < 1:
+        if self.termination is not None and not 0 <= real(self.termination, "termination") < 1:
             raise ValueError(f"termination must be in [0, 1), got {self.termination!r}")
-        if self.background is not None and self.background != "transparent":
-            linear_rgb(self.background, "background")
+        if not is_clear(self.background):
+            linear_rgb(self.background, "background")  # type: ignore[arg-type]
         # First of all, since other checks count with these numbers.
         self._check_magnitudes()
         alone = self.shadows is not None and self.shadows.alone  # and no integrator runs

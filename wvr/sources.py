@@ -89,6 +89,9 @@ def as_volume(
     Volume(x=40, y=20, z=10, uint8, spacing=(1.0, 1.0, 1.0))
     """
     choice(axes, "axes", get_args(Axes))
+    choice(nan, "nan", (None, *get_args(NanPolicy)))
+    if not isinstance(scalars, str | None):
+        raise TypeError(f"scalars must be the name of an array or None, got {scalars!r}")
     is_array = not isinstance(data, Field | str | os.PathLike)
     module = type(data).__module__.partition(".")[0]
     of_library = module in ("pyvista", "vtkmodules", "vtk", "xarray")

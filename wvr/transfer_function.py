@@ -13,7 +13,6 @@ import json
 import os
 from collections.abc import Iterable
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -21,9 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .color import linear_rgb
 from .colormaps import Colors, Opacity, check_opacity, entries, opacities, sampled
-from .files import known_suffix, write_text
+from .files import known_suffix, read_text, write_text
 from .preset_points import PresetName, preset_points
-from .validation import check_domain, finite_array, positive
+from .validation import check_domain, finite_array, flag, float_array, path_of, positive, real
 
 Floats = NDArray[np.float64]
 
@@ -86,7 +85,11 @@ class TransferFunction:
 
     def __init__(self, points: Iterable[tuple[float, Any, float]], unit_distance: Unit = None):
         scalars, rgb, opacity = [], [], []
-        for i, point in enumerate(points):
+        try:
+            listed = list(points)
+        except TypeError:
+            raise TypeError(f"points must be a list of (scalar, colour, opacity), got {points!r}") from None
+        for i, point in enumerate(listed):
             if isinstance(point, str) or not isinstance(point, Iterable) or len(triple := tuple(point)) != 3:
                 raise ValueError(f"points[{i}] must be (scalar, colour, opacity), got {point!r}")
             scalars.append(_number(triple[0], f"scalar of points[{i}]"))
@@ -167,7 +170,7 @@ class TransferFunction:
             Where ``colormap`` is neither a name, a colour map nor a list of colours.
         """
         lo, hi = check_domain((-domain, domain) if isinstance(domain, int | float) else domain)
-        if log_scale and lo <= 0:
+        if flag(log_scale, "log_scale") and lo <= 0:
             raise ValueError(f"domain must be above 0 with log_scale, got ({lo!r}, {hi!r})")
         u, rgb, between = sampled(entries(colormap, n_colors), opacities(opacity))
         scalars = np.exp(np.log(lo) + u * (np.log(hi) - np.log(lo))) if log_scale else lo + (hi - lo) * u
@@ -203,7 +206,7 @@ class TransferFunction:
         ValueError
             Where spikes overlap (the message has the largest width that does not), and as the class.
         """
-        peaks = finite_array(np.atleast_1d(values), "values", (-1,))
+        peaks = finite_array(np.atleast_1d(float_array(values, "values")), "values", (-1,))
         n = len(peaks)
         if n == 0:
             raise ValueError("values must be one or more, got none")
@@ -213,6 +216,8 @@ class TransferFunction:
         peaks, heights = peaks[order], heights[order]
         rgb = _spread_colors(n) if colors is None else _color_list(colors, n)[order]
         left, right = peaks - width / 2, peaks + width / 2
+        if np.any(left == peaks) or np.any(right == peaks):
+            raise ValueError(f"width must be more than rounding of values up to {np.abs(peaks).max():g}, got {width!r}")
         if n > 1:
             distance = float(np.diff(peaks).min())
             # Spikes that touch but for rounding touch.
@@ -259,9 +264,8 @@ class TransferFunction:
             raise ValueError(f"rgb must be >= 0, got {self.colors.min():g}")
         self.opacities = finite_array(opacity, "opacity", (n,))
         check_opacity(self.opacities)
-        self.unit_distance = (
-            unit_distance if unit_distance in (None, "pyvista") else positive(unit_distance, "unit_distance")
-        )
+        named = unit_distance is None or (isinstance(unit_distance, str) and unit_distance == "pyvista")
+        self.unit_distance = unit_distance if named else positive(unit_distance, "unit_distance")
         self.ambient = self.diffuse = self.specular = None
         for name, values in zip(MATERIALS, materials, strict=False):
             if values is not None:
@@ -306,7 +310,7 @@ class TransferFunction:
 
     def _interpolate(self, s: ArrayLike, values: Floats) -> Floats:
         """``values`` (n, ...) at the control points, linear between, constant outside, right value at a jump."""
-        s = np.asarray(s, np.float64)
+        s = float_array(s, "s")
         inside = np.clip(s, self.knots[0], self.knots[-1])
         i = np.clip(np.searchsorted(self.knots, s, side="right") - 1, 0, None)
         j = np.minimum(i + 1, len(self.knots) - 1)
@@ -348,7 +352,7 @@ class TransferFunction:
         OSError
             Where the file cannot be written.
         """
-        path = Path(path)
+        path = path_of(path)
         known_suffix(path, (".json",))
         lines = ",\n".join(f"    {json.dumps(point)}" for point in self._points())
         text = (
@@ -374,7 +378,7 @@ class TransferFunction:
             Where it is no JSON, no transfer function, of a version not known, or holds a wrong control point.
         """
         try:
-            content = json.loads(Path(path).read_text(encoding="utf-8"))
+            content = json.loads(read_text(path_of(path)))
         except (ValueError, RecursionError) as error:
             raise ValueError(f"{path} is not a JSON file: {error}") from None
         if not isinstance(content, dict) or content.get("format") != FORMAT:
@@ -412,7 +416,11 @@ def _spread_colors(n: int) -> Floats:
 
 
 def _color_list(colors: Iterable[Any], n: int) -> Floats:
-    if isinstance(colors, str) or len(listed := list(colors)) != n:
+    try:
+        listed = [] if isinstance(colors, str) else list(colors)
+    except TypeError:
+        listed = []
+    if len(listed) != n:
         raise ValueError(f"colors must be a list of one colour a value ({n}), got {colors!r}")
     return np.array([linear_rgb(color, f"colors[{i}]") for i, color in enumerate(listed)])
 
@@ -423,7 +431,8 @@ def _depth(opacity: ArrayLike) -> Floats:
 
 
 def _number(value: Any, name: str) -> float:
+    """A number, also one that is written."""
     try:
-        return float(value)
-    except (TypeError, ValueError):
+        return real(float(value) if isinstance(value, str) else value, name)
+    except ValueError:
         raise TypeError(f"{name} must be a number, got {value!r}") from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -15,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 def finite_vector(value: ArrayLike, name: str, meaning: str) -> NDArray[np.float64]:
     """``value`` as three finite float64 numbers; ``meaning`` says in the error what they are."""
     try:
-        vector = np.array(value, np.float64)
-    except (TypeError, ValueError):
+        vector = float_array(value, name)
+    except TypeError:
         raise ValueError(f"{name} must be three numbers ({meaning}), got {value!r}") from None
     if vector.shape != (3,) or not np.all(np.isfinite(vector)):
         raise ValueError(f"{name} must be three finite numbers ({meaning}), got {value!r}")
@@ -25,24 +26,86 @@ def finite_vector(value: ArrayLike, name: str, meaning: str) -> NDArray[np.float
 
 def positive(value: Any, name: str) -> float:
     """``value`` as a finite float > 0."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name} must be a number > 0, got {value!r}") from None
+    number = real(value, name, "a number > 0")
     if not (np.isfinite(number) and number > 0):
         raise ValueError(f"{name} must be finite and > 0, got {value!r}")
     return number
 
 
+def below_one(value: Any, name: str) -> float:
+    """``value`` as a float > 0 and < 1."""
+    number = positive(value, name)
+    if number >= 1:
+        raise ValueError(f"{name} must be below 1, got {value!r}")
+    return number
+
+
+def define(instance: Any, **fields: Any) -> None:
+    """Fields of a frozen dataclass as its checks return them: plain numbers, which are equal and hashable."""
+    for name, value in fields.items():
+        object.__setattr__(instance, name, value)
+
+
 def within(value: Any, name: str, limit: float) -> float:
     """``value`` as a float between ``-limit`` and ``limit``."""
     try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
+        number = real(value, name)
+    except TypeError:
         number = np.nan
     if not -limit < number < limit:
         raise ValueError(f"{name} must be a number in (-{limit:g}, {limit:g}), got {value!r}")
     return number
+
+
+def real(value: Any, name: str, what: str = "a number") -> float:
+    """``value`` as a float, of anything that is one number, no text and no truth; those beyond floats are infinite."""
+    try:
+        if isinstance(value, bool | np.bool_ | str | bytes | bytearray | np.datetime64 | np.timedelta64):
+            raise TypeError
+        return float(value)
+    except OverflowError:
+        return np.inf if value > 0 else -np.inf
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be {what}, got {value!r}") from None
+
+
+def integer(value: Any, name: str, least: int, most: int | None = None) -> int:
+    """``value`` as an int from ``least`` to ``most``."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or value < least or (most is not None and value > most):
+        accepted = f">= {least}" if most is None else f"from {least} to {most}"
+        raise ValueError(f"{name} must be an integer {accepted}, got {value!r}")
+    return int(value)
+
+
+def flag(value: Any, name: str) -> bool:
+    """``value`` if it is True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} must be True or False, got {value!r}")
+    return bool(value)
+
+
+def path_of(value: Any, name: str = "path") -> Path:
+    """``value`` as a path that a system may know."""
+    try:
+        path = Path(os.fsdecode(value))
+    except TypeError:
+        raise TypeError(f"{name} must be a path (str or os.PathLike), got {value!r}") from None
+    if "\0" in str(path):
+        raise ValueError(f"{name} must not have a null character in it, got {value!r}")
+    return path
+
+
+def float_array(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """A float64 copy of numbers, which are real and no text."""
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind not in "biufO":
+            raise TypeError
+        with np.errstate(over="ignore"):
+            return array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise TypeError(f"{name} must be numbers, got {values!r}") from None
 
 
 def choice(value: Any, name: str, accepted: Sequence[str | None]) -> Any:
@@ -56,11 +119,8 @@ def choice(value: Any, name: str, accepted: Sequence[str | None]) -> Any:
 
 def finite_array(values: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """A read-only finite float64 copy of ``values`` of this shape (-1: any length)."""
-    try:
-        # Adding 0 turns -0 into 0, so that equal transfer functions have equal keys.
-        array = np.array(values, np.float64) + 0.0
-    except (TypeError, ValueError):
-        raise TypeError(f"{name} must be numbers, got {values!r}") from None
+    # Adding 0 turns -0 into 0, so that equal transfer functions have equal keys.
+    array = float_array(values, name) + 0.0
     expected = tuple(got if want == -1 else want for want, got in zip(shape, array.shape, strict=False))
     if array.ndim != len(shape) or array.shape != expected:
         wanted = str(shape).replace("-1", "n")

@@ -12,6 +12,7 @@ from .integrators import Integrator
 from .light.lighting import Lighting
 from .light.shadows import ConvolutionShadows
 from .renderer import render
+from .samples import DTYPES
 from .transfer_function import TransferFunction
 from .volume import Volume
 
@@ -50,16 +51,28 @@ def warm_up(
     list of str
         What is compiled now, a line a combination.
     """
-    lit = [lighting] if isinstance(lighting, bool | Lighting) else list(lighting)
-    dtypes = [dtype] if isinstance(dtype, str | type | np.dtype) else list(dtype)  # type: ignore[arg-type]
-    shade = ConvolutionShadows() if shadows is True else shadows or None
+    lit = list(lighting) if isinstance(lighting, list | tuple) else [lighting]
+    dtypes = list(dtype) if isinstance(dtype, list | tuple) else [dtype]
+    kinds = [_kind(one) for one in dtypes]
+    if not isinstance(shadows, bool | np.bool_ | ConvolutionShadows):
+        raise TypeError(f"shadows must be True, False or a ConvolutionShadows, got {shadows!r}")
+    shade = shadows if isinstance(shadows, ConvolutionShadows) else ConvolutionShadows() if shadows else None
     samples = np.linspace(0, 100, 6**3).reshape(6, 6, 6)
     tf = TransferFunction([(0, "black", 0.0), (30, "red", 0.0), (100, "white", 0.5)])
     done = []
-    for given in dtypes:
-        kind = np.dtype(given)
+    for kind in kinds:
         for light in lit:
             scene = {"lighting": light, "shadows": shade, "integrator": integrator, "device": device}
             render(Volume(samples.astype(kind)), tf, "iso", (16, 16), **(scene | options))
             done.append(f"{kind}, {'lit' if light else 'not lit'}{', with shadows' if shade else ''}")
     return done
+
+
+def _kind(given: Any) -> np.dtype:
+    try:
+        kind = np.dtype(given)
+        if given is not None and kind.name in DTYPES:
+            return kind
+    except (TypeError, ValueError):
+        pass
+    raise TypeError(f"dtype must be one or several of {', '.join(DTYPES)}, got {given!r}")

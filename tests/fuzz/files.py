@@ -2,32 +2,39 @@
 
 from __future__ import annotations
 
+import bz2
+import ctypes
+import gzip
+import io
 import shutil
+import zipfile
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from wvr.io import read
+from wvr.io import read, read_raw
+from wvr.io.dicom import is_dicom
 
 from . import seeds
 
 # What errors about a file may be.
 CLEAR = (OSError, ValueError, TypeError, MemoryError, ImportError)
-NUMBERS = (0, 1, -1, 2, 127, 255, 256, 32767, 65535, 65536, 2**31 - 1, -(2**31), 2**32 - 1, 2**63 - 1, -(2**63), 10**20)
+NUMBERS = (
+    0, 1, -1, 2, 3, 127, 255, 256, 4096, 32767, 65535, 65536, 2**31 - 1, -(2**31), 2**32 - 1, 2**63 - 1, -(2**63),
+    10**20,
+)  # fmt: skip
 WORDS = (
-    b"nan",
-    b"inf",
-    b"-inf",
-    b"1e300",
-    b"1e-300",
-    b"",
-    b"x",
-    b"\xff\xfe",
-    b"%d",
-    b"../..",
-    b"/dev/zero",
-    b"9" * 400,
-)
+    b"nan", b"inf", b"-inf", b"1e300", b"1e-300", b"-0.0", b"", b"x", b"\xff\xfe", b"%d", b"../..", b".", b"/dev/zero",
+    b"/proc/self/mem", b"\0", b"none", b"raw", b"gzip", b"9" * 400, b"0x10", b"1_0", b"\xc2\xb5m",
+)  # fmt: skip
+# Options of reading, which come with some cases.
+OPTIONS: tuple[dict[str, Any], ...] = (
+    {}, {}, {}, {"frame": 0}, {"frame": 1}, {"frame": 2**40}, {"scalars": "a"}, {"scalars": "values"}, {"nan": "error"},
+)  # fmt: skip
+# glibc's mallopt for the byte that memory holds before anybody writes into it.
+PERTURB = -6
 
 
 class Files:
@@ -35,6 +42,10 @@ class Files:
         (folder / "seeds").mkdir()
         self.seeds = seeds.make(folder / "seeds")
         self.folder = folder
+        try:
+            self.mallopt: Any = ctypes.CDLL(None).mallopt
+        except (OSError, AttributeError):
+            self.mallopt = lambda *_: 0
 
     def run(self, rng: np.random.Generator) -> str:
         """What is wrong with how a damaged file is read; nothing if all is right."""
@@ -46,25 +57,57 @@ class Files:
             shutil.copytree(seed, path)
             inside = sorted(path.iterdir())
             damaged = inside[rng.integers(len(inside))]
+            headers = [file for file in inside if file.suffix in (".nhdr", ".mhd", ".hdr")]
+            path = headers[0] if headers else path
         else:
             shutil.copy(seed, path)
             damaged = path
         other = self.seeds[rng.integers(len(self.seeds))]
-        damaged.write_bytes(mutated(damaged.read_bytes(), other.read_bytes() if other.is_file() else b"", rng))
-        frame = None if rng.random() < 0.8 else int(rng.integers(3))
+        damaged.write_bytes(damage(damaged, other.read_bytes() if other.is_file() else b"", rng))
+        options = {"nan": "transparent"} | OPTIONS[rng.integers(len(OPTIONS))]
+        bare = damaged == path and rng.random() < 0.02
+        shape, dtype = rng.integers(1, 12, 3).tolist(), ("u1", "i2", "f4", "f8", "u8")[rng.integers(5)]
+        volumes = []
         try:
-            first = read(path, nan="transparent", frame=frame)
-            second = read(path, nan="transparent", frame=frame)
+            # Memory that nobody wrote into differs from one reading to the next. Not at first, and not where pydicom
+            # asks for as much as an element declares and takes what there is: it is then all touched.
+            for byte in (0, 0 if is_dicom(damaged) else 0xC3):
+                self.mallopt(PERTURB, byte)
+                volumes.append(
+                    read_raw(path, shape, dtype, nan="transparent", offset=path.stat().st_size // 3)
+                    if bare
+                    else read(path, **options)
+                )
         except CLEAR as error:
-            name = damaged.name if damaged.parent == path else path.name
-            named = name in str(error) or path.name in str(error)
+            names = {path.name, damaged.name, damaged.parent.name if seed.is_dir() else path.name, *options}
+            named = any(name in str(error) for name in names)
             return "" if named else f"unclear: {type(error).__name__} without a name: {error}"
+        finally:
+            self.mallopt(PERTURB, 0)
         for name in ("numpy", "index_to_world"):
-            one, two = (getattr(volume, name) for volume in (first, second))
+            one, two = (getattr(volume, name) for volume in volumes)
             one, two = (one(), two()) if callable(one) else (one, two)
             if one.dtype != two.dtype or not np.array_equal(one, two, equal_nan=one.dtype.kind == "f"):
                 return f"wrong: {name} of {path.name} differs from one reading to the next"
         return ""
+
+
+def damage(path: Path, other: bytes, rng: np.random.Generator) -> bytes:
+    """The content of a file, damaged; or, where it is packed, now and then what is in it."""
+    content = path.read_bytes()
+    inside = rng.random() < 0.6
+    with suppress(OSError, EOFError, zipfile.BadZipFile):
+        if inside and content.startswith(b"\x1f\x8b"):
+            return gzip.compress(mutated(gzip.decompress(content), other, rng), 1)
+        if inside and content.startswith(b"BZh"):
+            return bz2.compress(mutated(bz2.decompress(content), other, rng), 1)
+        if inside and content.startswith(b"PK"):
+            packed = io.BytesIO()
+            with zipfile.ZipFile(io.BytesIO(content)) as old, zipfile.ZipFile(packed, "w") as new:
+                for entry in old.infolist():
+                    new.writestr(entry.filename, mutated(old.read(entry), other, rng), entry.compress_type)
+            return packed.getvalue()
+    return mutated(content, other, rng)
 
 
 def mutated(content: bytes, other: bytes, rng: np.random.Generator) -> bytes:
@@ -72,7 +115,7 @@ def mutated(content: bytes, other: bytes, rng: np.random.Generator) -> bytes:
     data = bytearray(content)
     for _ in range(1 + rng.geometric(0.5)):
         at = int(len(data) * rng.random() ** rng.choice([1, 3]))
-        kind = rng.integers(10)
+        kind = rng.integers(12)
         length = int(rng.integers(1, 9))
         if kind < 2 and data:
             data[min(at, len(data) - 1)] ^= 1 << int(rng.integers(8))
@@ -92,6 +135,10 @@ def mutated(content: bytes, other: bytes, rng: np.random.Generator) -> bytes:
             data[at : at + size] = number.to_bytes(size, order)
         elif kind == 8:
             _renumber(data, rng)
+        elif kind == 9:
+            _reword(data, rng)
+        elif kind == 10:
+            _reline(data, rng)
         else:
             start = int(rng.integers(len(other) + 1))
             data[at : at + 8 * length] = other[start : start + 8 * length]
@@ -107,3 +154,26 @@ def _renumber(data: bytearray, rng: np.random.Generator) -> None:
             end += 1
         choices = (*(str(number).encode() for number in NUMBERS), *WORDS)
         data[start:end] = choices[rng.integers(len(choices))]
+
+
+def _reword(data: bytearray, rng: np.random.Generator) -> None:
+    """Another word of the header in the place of one."""
+    head = bytes(data[:1000])
+    words = head.split()
+    if len(words) > 1:
+        old, new = (words[rng.integers(len(words))] for _ in range(2))
+        at = head.find(old)
+        data[at : at + len(old)] = new if rng.random() < 0.7 else WORDS[rng.integers(len(WORDS))]
+
+
+def _reline(data: bytearray, rng: np.random.Generator) -> None:
+    """A line of the header left out, or one of them again in another place."""
+    head = bytes(data[:1000])
+    lines = head.splitlines(keepends=True)
+    if len(lines) > 2:
+        line = lines.pop(rng.integers(len(lines) - 1))
+        if rng.random() < 0.6:
+            lines.insert(int(rng.integers(len(lines))), line)
+            if rng.random() < 0.5:
+                lines.insert(int(rng.integers(len(lines))), line)
+        data[: len(head)] = b"".join(lines)

@@ -36,7 +36,7 @@ def test_what_goes_wrong_is_noticed(tmp_path, monkeypatch):
     """Each outcome, of workers for cases that bring it about."""
     from . import run as runner
 
-    monkeypatch.setitem(runner.LIMITS, "files", 2.0)
+    monkeypatch.setitem(runner.LIMITS, "files", 1.0)
     script = tmp_path / "worker.py"
     script.write_text(
         "import os, sys, time\n"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import bz2
 import gzip
+import io
+import lzma
 import os
 import socket
 import tracemalloc
@@ -14,10 +16,11 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image
 
 from wvr.io import read, read_raw
 
-from .files import BIG, FIELD, LITTLE, check, image, legacy, meta, nifti, npy, nrrd, vti
+from .files import BIG, FIELD, LITTLE, check, dicom, image, legacy, meta, nifti, npy, nrrd, vti
 
 MIB = 1 << 20
 
@@ -448,3 +451,77 @@ def test_raw_arguments(tmp_path, arguments, kind):
     (tmp_path / "a.raw").write_bytes(LITTLE)
     with pytest.raises(kind, match=f"{next(iter(arguments))}|a\\.raw"):
         read_raw(tmp_path / "a.raw", **{"shape": (4, 3, 5), "dtype": "int16"} | arguments)
+
+
+def test_samples_in_odd_places(tmp_path):
+    """What a header names is said together with the header."""
+    for name, content in (("a.nhdr", nrrd(b"", more="data file: NAME\n")), ("a.mhd", meta(b"", file="NAME"))):
+        for place in (b".", b"x" * 5000, b"a\0b", b"none.raw"):
+            (tmp_path / name).write_bytes(content.replace(b"NAME", place))
+            with pytest.raises(OSError, match=name):
+                read(tmp_path / name)
+
+
+# --- More than is declared, in what others unpack -------------------------------------------------------------------
+
+
+def test_tiff_strips_are_no_bombs(tmp_path):
+    """A strip that inflates to far more than its page, which would be taken as a whole."""
+    path = tmp_path / "a.tif"
+    for compression, packed in (("zlib", zlib.compress(bytes(70 * MIB), 9)), ("lzma", lzma.compress(bytes(70 * MIB)))):
+        tifffile.imwrite(path, np.zeros((64, 64), np.uint8), compression=compression)
+        check(read(path), np.zeros((1, 64, 64), np.uint8), (1, 1, 1), (0, 0, 0), np.eye(3))
+        content = bytearray(path.read_bytes())
+        with tifffile.TiffFile(path) as file:
+            for name, value in (("StripOffsets", len(content)), ("StripByteCounts", len(packed))):
+                tag = file.pages[0].tags[name]
+                content[tag.offset + 2 : tag.offset + 4] = b"\4\0"
+                content[tag.valueoffset : tag.valueoffset + 4] = value.to_bytes(4, "little")
+        path.write_bytes(content + packed)
+        with memory(16 * MIB), pytest.raises(OSError, match=r"a\.tif .*a strip of its samples holds more than"):
+            read(path)
+
+
+def test_deflated_dicom_is_no_bomb(tmp_path):
+    pydicom = pytest.importorskip("pydicom")
+    path = tmp_path / "a.dcm"
+    dicom(path, FIELD[0], (10, 20, 30))
+    data = pydicom.dcmread(path)
+    data.file_meta.TransferSyntaxUID = pydicom.uid.DeflatedExplicitVRLittleEndian
+    data.save_as(path)
+    check(read(path), FIELD[:1], spacing=(1.5, 2, 99))
+    data.add_new(0x7FE10010, "OB", bytes(60 * MIB))
+    data.save_as(path)
+    del data
+    with memory(40 * MIB), pytest.raises(OSError, match=r"a\.dcm .*more in it than the image that it declares"):
+        read(path)
+
+
+def test_frames_of_dicom_are_as_large_as_declared(tmp_path):
+    """1.2 kB of JPEG 2000 that would unpack into 700 MB."""
+    pydicom = pytest.importorskip("pydicom")
+    path, encoded = tmp_path / "a.dcm", io.BytesIO()
+    Image.fromarray(np.zeros((3000, 3000), np.uint8)).save(encoded, "JPEG2000")
+    dicom(path, FIELD[0].astype(np.uint8), (10, 20, 30))
+    data = pydicom.dcmread(path)
+    data.file_meta.TransferSyntaxUID = pydicom.uid.JPEG2000Lossless
+    data.PixelData = pydicom.encaps.encapsulate([encoded.getvalue()])
+    data["PixelData"].is_undefined_length = True
+    data.save_as(path)
+    with memory(4 * MIB), pytest.raises(OSError, match=r"header says 5 x 3 pixels, a frame has 3000 x 3000"):
+        read(path)
+
+
+def test_dicom_images_without_rows(tmp_path):
+    """A damaged slice is not left out; what is no image is."""
+    pydicom = pytest.importorskip("pydicom")
+    for k in range(4):
+        dicom(tmp_path / str(k), FIELD[k], (10, 20, 30 + 3 * k), number=k)
+    data = pydicom.dcmread(tmp_path / "3")
+    del data.Rows
+    data.save_as(tmp_path / "3")
+    with pytest.raises(OSError, match=r"3 is truncated or corrupt: it is of CT Image Storage and has no image"):
+        read(tmp_path)
+    data.SOPClassUID = pydicom.uid.BasicTextSRStorage
+    data.save_as(tmp_path / "3")
+    check(read(tmp_path), FIELD[:3])

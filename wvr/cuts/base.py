@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..validation import flag
+
 if TYPE_CHECKING:
     from ..scene import Scene
 
@@ -29,6 +31,10 @@ class Clip:
     def keeps(self, points: Floats) -> NDArray[np.bool_]:
         """Which world points (n, 3) it leaves, as far as that is known here; all where it is not."""
         return np.ones(len(points), bool)
+
+    def check_flags(self) -> None:
+        """Say so where ``invert`` or ``naive`` is neither True nor False."""
+        flag(self.invert, "invert"), flag(self.naive, "naive")
 
     def check(self, scene: Scene) -> None:
         """Say so where the scene's other pieces do not go with this one."""
@@ -48,6 +54,7 @@ class Shape(Clip):
 
     def define(self, matrix: Floats, origin: Floats, **vectors: Floats) -> None:
         """The map: p in the world to ``matrix @ (p - origin)``. Equal vectors make equal clips; arrays would not."""
+        self.check_flags()
         for name, vector in vectors.items():
             object.__setattr__(self, name, tuple(vector.tolist()))
         object.__setattr__(self, "to_shape", matrix)

@@ -17,7 +17,7 @@ from ..kernels.cuts.partial import PARTS
 from ..kernels.cuts.shapes import KINDS
 from ..kernels.cuts.shapes import Clip as ClipStruct
 from ..kernels.cuts.volumes import make_clipping
-from ..validation import choice
+from ..validation import choice, define, real
 from ..volume import Volume
 from .base import Clip, Shape
 
@@ -72,8 +72,11 @@ class ClipVolume(Clip):
         if not isinstance(self.volume, Volume):
             raise TypeError(f"volume of a ClipVolume must be a Volume, got {type(self.volume).__name__}")
         self._check_finite()
-        if isinstance(self.iso, bool | str) or not np.isfinite(self.iso):
+        self.check_flags()
+        iso = real(self.iso, "iso")
+        if isinstance(self.iso, bool) or not np.isfinite(iso):
             raise ValueError(f"iso must be a finite number, got {self.iso!r}")
+        define(self, iso=iso)
         choice(self.parts, "parts", (None, *PARTS))
         if self.naive and self.parts is not None:
             raise ValueError(f"naive = True and parts = {self.parts!r}: give one of the two")

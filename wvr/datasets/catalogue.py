@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ..memory import free_host_memory
+from ..validation import integer
 from ..volume import Volume
 from .downloads import DOWNLOADS, fetch
 from .fields import blobs, gyroid, marschner_lobb, shepp_logan, spheres, turbulence
@@ -58,14 +58,15 @@ def load(name: str, size: int = 128, **options: Any) -> Volume:
     OSError
         When a download fails.
     """
+    if not isinstance(name, str):
+        raise TypeError(f"name must be one of {', '.join(map(repr, names()))}, got {name!r}")
     if name in DOWNLOADS:
         return fetch(name, **options)
     if name not in GENERATED:
         raise ValueError(f"name must be one of {', '.join(map(repr, names()))}, got {name!r}")
-    if isinstance(size, bool) or not isinstance(size, int | np.integer) or size < 2:
-        raise ValueError(f"size must be an integer >= 2, got {size!r}")
-    if (needed := BYTES * int(size) ** 3) > (free := free_host_memory()):
+    size = integer(size, "size", 2)
+    if (needed := BYTES * size**3) > (free := free_host_memory()):
         raise MemoryError(
             f"size = {size} takes {needed / 2**30:.1f} GiB to generate, of which {free / 2**30:.1f} GiB are free"
         )
-    return Volume(GENERATED[name](int(size), **options))
+    return Volume(GENERATED[name](size, **options))

@@ -20,7 +20,7 @@ from ..launch import launch
 from ..transfer.function import Transfer, transfer_values
 from ..transfer.lookup import Lookup
 from ..transfer_function import TransferFunction
-from ..validation import positive
+from ..validation import below_one, define, positive
 from .base import Integrator
 
 if TYPE_CHECKING:
@@ -57,9 +57,8 @@ class AdaptivePreintegrated(Integrator):
     traces: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if positive(self.tolerance, "tolerance") >= 1:
-            raise ValueError(f"tolerance must be below 1, got {self.tolerance!r}")
-        positive(self.hmin, "hmin")
+        define(self, tolerance=below_one(self.tolerance, "tolerance"))
+        define(self, hmin=positive(self.hmin, "hmin"))
 
     @property
     def order(self) -> float:

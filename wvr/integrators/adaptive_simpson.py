@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from ..keep import Keeper
 from ..kernels.integrators.adaptive_simpson import Half
-from ..validation import choice, positive
+from ..validation import below_one, choice, define, positive
 from .base import Integrator
 
 if TYPE_CHECKING:
@@ -56,10 +56,9 @@ class AdaptiveSimpson(Integrator):
     traces: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if positive(self.tolerance, "tolerance") >= 1:
-            raise ValueError(f"tolerance must be below 1, got {self.tolerance!r}")
+        define(self, tolerance=below_one(self.tolerance, "tolerance"))
         for name in ("h0", "hmin", "hmax"):
-            positive(getattr(self, name), name)
+            define(self, **{name: positive(getattr(self, name), name)})
         if self.hmin > self.hmax:
             raise ValueError(f"hmin must be at most hmax = {self.hmax!r}, got {self.hmin!r}")
         if not self.hmin <= self.h0 <= self.hmax:

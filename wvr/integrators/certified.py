@@ -29,7 +29,7 @@ from ..transfer.nodes import nodes_array
 from ..transfer.rows import FittedRows
 from ..transfer.simplify import SimplifiedTransfer
 from ..transfer_function import TransferFunction
-from ..validation import positive
+from ..validation import below_one, define
 from .base import Integrator
 
 if TYPE_CHECKING:
@@ -150,8 +150,7 @@ class Certified(Integrator):
     asks: ClassVar[tuple[str, ...]] = ("centered", "extent")
 
     def __post_init__(self) -> None:
-        if positive(self.tolerance, "tolerance") >= 1:
-            raise ValueError(f"tolerance must be below 1, got {self.tolerance!r}")
+        define(self, tolerance=below_one(self.tolerance, "tolerance"))
 
     @property
     def order(self) -> float:

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-import numpy as np
-
 from ..keep import Keeper, Part
 from ..kernels.integrators.uniform import Half
 from ..transfer.lookup import Lookup
 from ..transfer.nodes import nodes_array
 from ..transfer_function import TransferFunction
-from ..validation import choice, positive
+from ..validation import choice, define, integer, positive
 from .base import Integrator
 
 if TYPE_CHECKING:
@@ -55,7 +53,7 @@ class Riemann(Uniform):
     rule: Literal["midpoint", "left", "trapezoid"] = "midpoint"
 
     def __post_init__(self) -> None:
-        positive(self.step, "step")
+        define(self, step=positive(self.step, "step"))
         choice(self.rule, "rule", ("midpoint", "left", "trapezoid"))
 
     @property
@@ -90,7 +88,7 @@ class Simpson(Uniform):
     step: float
 
     def __post_init__(self) -> None:
-        positive(self.step, "step")
+        define(self, step=positive(self.step, "step"))
 
     @property
     def order(self) -> float:
@@ -137,14 +135,10 @@ class Preintegrated(Uniform):
     clips: ClassVar[tuple[str, ...]] = ("naive", "parts")
 
     def __post_init__(self) -> None:
-        positive(self.step, "step")
-        if self.oversampling != int(self.oversampling) or self.oversampling < 1:
-            raise ValueError(f"oversampling must be an integer >= 1, got {self.oversampling!r}")
-        n = self.table_size
-        if n is not None and (
-            isinstance(n, bool) or not isinstance(n, int | np.integer) or not 2 <= n <= LARGEST_TABLE
-        ):
-            raise ValueError(f"table_size must be an integer from 2 to {LARGEST_TABLE}, or None, got {n!r}")
+        define(self, step=positive(self.step, "step"))
+        define(self, oversampling=integer(self.oversampling, "oversampling", 1))
+        if self.table_size is not None:
+            define(self, table_size=integer(self.table_size, "table_size", 2, LARGEST_TABLE))
         choice(self.generator, "generator", ("incremental", "brute", "approximate"))
 
     @property

@@ -9,7 +9,6 @@ from __future__ import annotations
 import bz2
 import math
 import os
-import stat
 import warnings
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +19,7 @@ from typing import Any, BinaryIO, Protocol
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from ..files import regular
 from ..memory import free_host_memory
 from ..samples import Unsupported
 
@@ -63,26 +63,6 @@ def corrupt(path: Path) -> Iterator[None]:
             f"{path} is truncated or corrupt: {type(error).__name__}: {error}; copy it again, or write it anew with "
             f"the program that made it"
         ) from error
-
-
-def regular(path: Path) -> int:
-    """The size of a file.
-
-    Raises
-    ------
-    FileNotFoundError
-        Where there is none.
-    OSError
-        For anything but a regular file.
-    """
-    found = path.stat()
-    if not stat.S_ISREG(found.st_mode):
-        kinds = (
-            (stat.S_ISDIR, "folder"), (stat.S_ISFIFO, "pipe"), (stat.S_ISSOCK, "socket"), (stat.S_ISCHR, "device"),
-        )  # fmt: skip
-        kind = next((name for is_kind, name in kinds if is_kind(found.st_mode)), "device")
-        raise OSError(f"{path} is a {kind}, a regular file is expected: write its content into one first")
-    return found.st_size
 
 
 @contextmanager
@@ -268,11 +248,13 @@ def unpacking(file: Any, packing: str) -> Stream:
 
 
 class Inflating:
-    """The content of a gzip file (all its members) or of a zlib stream, checked to its end and check sum."""
+    """The content of a gzip file (all its members) or of a zlib stream, checked to its end and check sum; or, as by
+    ``wbits``, of a stream without header.
+    """
 
-    def __init__(self, file: Stream):
+    def __init__(self, file: Stream, wbits: int = 47):
         self._file = file
-        self._stream = zlib.decompressobj(wbits=47)  # either header
+        self._stream = zlib.decompressobj(wbits=wbits)
         self._data = b""
 
     def read(self, count: int, /) -> bytes:

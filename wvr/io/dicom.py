@@ -5,15 +5,17 @@ from __future__ import annotations
 import errno
 import warnings
 from collections.abc import Iterable
+from contextlib import suppress
+from io import BytesIO
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..samples import Grid, Unsupported, components_error, rescaled
-from .bytes import Flaw, corrupt, empty, guess, opened
+from .bytes import CHUNK, Flaw, Inflating, corrupt, empty, guess, opened
 
 # Directions that differ by less are one: scanners write them rounded, each file on its own.
 NOISE = 1e-4
@@ -23,6 +25,8 @@ UNEVEN = 0.02
 MOST_FILES = 20_000
 # Transfer syntaxes without compression of pixels.
 RAW = ("1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.1.99", "1.2.840.10008.1.2.2")
+# The one in which the whole file is deflated, and how much of that may be about the pixels [bytes], which begin here.
+DEFLATED, DESCRIBED, PIXELS = b"1.2.840.10008.1.2.1.99", 1 << 24, 0x7FE00008
 # Who may unpack compressed pixels, first choice first. GDCM is not among them: damaged files end the process.
 DECODERS = ("pydicom", "pillow", "pylibjpeg")
 # The frame's time is what goes from frame to frame.
@@ -77,6 +81,7 @@ def _slices(path: Path) -> list[Slice]:
 
     with opened(path) as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of values that are not as the standard wants them
+        _check_deflated(file)
         try:
             head = pydicom.dcmread(file)
         except pydicom.errors.InvalidDicomError:
@@ -85,6 +90,9 @@ def _slices(path: Path) -> list[Slice]:
             if "SOPClassUID" not in head:
                 raise Flaw("no DICOM header at its start") from None
         if "Rows" not in head:
+            kind = getattr(head.get("SOPClassUID"), "name", "")
+            if "Image Storage" in kind:
+                raise Flaw(f"it is of {kind} and has no image")
             return []
         components = int(head.get("SamplesPerPixel") or 1)
         if components > 1:
@@ -107,15 +115,48 @@ def _pixels(path: Path, head: Any) -> NDArray:
         empty(shape, f"u{max(bits // 8, 1)}", len(head[name].value), packing)
     if packing != "raw":
         head.pixel_array_options(decoding_plugin=_decoder(path, syntax))
-        _check_boxes(head.PixelData, shape[0])
+        _check_frames(head.PixelData, shape)
     return head.pixel_array.reshape(shape)
 
 
-def _check_boxes(packed: bytes, frames: int) -> None:
-    """Where frames are JP2 files, their boxes have lengths: pydicom looks for one after the other, without an end."""
+def _check_deflated(file: BinaryIO) -> None:
+    """Where all of a file is deflated, there is no more in it than its image and what describes that: pydicom inflates
+    whatever there is.
+    """
+    import pydicom
+
+    start = file.read(1024)
+    file.seek(0)
+    if DEFLATED not in start or start[132:136] != b"\x02\0\0\0":
+        return
+    file.seek(144 + int.from_bytes(start[140:144], "little"))
+    stream = Inflating(file, wbits=-15)
+    content = b""
+    while len(content) < DESCRIBED and (part := stream.read(DESCRIBED - len(content))):
+        content += part
+    head = pydicom.filereader.read_dataset(BytesIO(content), False, True, stop_when=lambda tag, *_: tag >= PIXELS)
+    rest = int(head.get("Rows") or 0) * int(head.get("Columns") or 0) * int(head.get("NumberOfFrames") or 1)
+    rest = DESCRIBED + rest * max(int(head.get("BitsAllocated") or 0) // 8, 1) - len(content)
+    while part := stream.read(CHUNK):
+        rest -= len(part)
+        if rest < 0:
+            raise Flaw("it is deflated, and there is more in it than the image that it declares")
+    file.seek(0)
+
+
+def _check_frames(packed: bytes, shape: tuple[int, int, int]) -> None:
+    """Frames are of the size that the header says, so that no more memory is taken. Where they are JP2 files, their
+    boxes have lengths: pydicom looks for one after the other, without an end.
+    """
+    from PIL import Image, UnidentifiedImageError
     from pydicom.encaps import generate_frames
 
-    for frame in generate_frames(packed, number_of_frames=frames):
+    for frame in generate_frames(packed, number_of_frames=shape[0]):
+        with suppress(UnidentifiedImageError), Image.open(BytesIO(frame), formats=("JPEG", "JPEG2000")) as image:
+            if image.size != shape[:0:-1]:
+                raise Flaw(
+                    f"its header says {shape[2]} x {shape[1]} pixels, a frame has {image.width} x {image.height}"
+                )
         at = 12 if frame.startswith(b"\0\0\0\x0cjP  ") else len(frame)
         while at < len(frame) and frame[at + 4 : at + 8] != b"jp2c":
             length = int.from_bytes(frame[at : at + 4], "big")

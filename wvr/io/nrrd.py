@@ -10,6 +10,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..files import regular
 from ..samples import Anatomy, Grid, Unsupported, components_error
 from .bytes import Fields, Flaw, corrupt, header, opened, samples, skip_lines
 from .space import in_first_unit, right_handed
@@ -131,8 +132,13 @@ def data_file(path: Path, name: str, several: str) -> Path:
             f"{path} spreads its samples over several files ({name!r}); only one is supported: merge them"
         )
     data = path.parent / name
-    if "\0" in name or not data.exists():
-        raise FileNotFoundError(errno.ENOENT, f"the samples of {path} are in a file that is not there", str(data))
+    try:
+        regular(data)
+    except (FileNotFoundError, ValueError):  # names with a null character are none
+        what = f"the samples of {path} are in a file that is not there"
+        raise FileNotFoundError(errno.ENOENT, what, str(data)) from None
+    except OSError as error:
+        raise OSError(f"the samples of {path} are in {name[:200]!r}: {error.strerror or error}") from None
     return data
 
 

@@ -12,10 +12,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from ..files import regular
 from ..interop import RESAMPLE
 from ..samples import Grid, NanPolicy, Unsupported, narrowed
+from ..validation import choice, path_of
 from ..volume import Volume
-from .bytes import regular
 from .dicom import dicom_files, is_dicom, read_dicom, read_dicom_folder
 from .hdf5 import read_hdf5
 from .meta_image import read_meta_image
@@ -72,7 +73,7 @@ def read(
         An unknown extension, more than one component a sample, a grid that is not regular, an unknown ``scalars``,
         several volumes without ``frame``, or samples that :class:`Volume` refuses.
     """
-    path = Path(path)
+    path = path_of(path)
     if not path.exists():
         raise FileNotFoundError(errno.ENOENT, "no such file or folder", str(path))
     if path.is_dir():
@@ -98,7 +99,7 @@ def read(
 def _frame_of(path: Path, array: NDArray, frame: int | None) -> NDArray:
     """The volume to render of one, or of several in time."""
     if array.ndim != 4:
-        if frame not in (None, 0):
+        if frame is not None and not (isinstance(frame, int | np.integer) and frame == 0):
             raise ValueError(f"frame must be 0 or None for one volume, as in {path}, got {frame!r}")
         return array
     count = len(array)
@@ -148,7 +149,7 @@ def read_raw(
     ValueError
         Arguments out of range.
     """
-    path = Path(path)
+    path = path_of(path)
     size = regular(path)
     try:
         whole = len(shape) == 3 and all(n == int(n) and n >= 1 for n in shape)
@@ -158,8 +159,7 @@ def read_raw(
         raise ValueError(f"shape must be three integers > 0 (nz, ny, nx), got {shape!r}")
     if isinstance(offset, bool) or not isinstance(offset, (int, np.integer)) or offset < 0:
         raise ValueError(f"offset must be >= 0 bytes, got {offset}")
-    if byteorder not in ("little", "big"):
-        raise ValueError(f'byteorder must be "little" or "big", got {byteorder!r}')
+    choice(byteorder, "byteorder", ("little", "big"))
     try:
         kind = np.dtype(dtype).newbyteorder("<" if byteorder == "little" else ">")
     except TypeError:

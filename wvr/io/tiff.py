@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import logging
+import lzma
 import re
-from collections.abc import Iterator
+import zlib
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..samples import Grid, Unsupported, components_error
-from .bytes import Flaw, corrupt, empty, guess, opened
+from .bytes import DENSEST, Flaw, corrupt, empty, guess, opened
 from .space import in_first_unit
+
+# Of the codes of compression that tifffile unpacks itself, by what, up to a length.
+UNPACK: dict[int, Callable[[bytes, int], bytes]] = {
+    **dict.fromkeys((8, 32946), lambda data, most: zlib.decompressobj().decompress(data, most)),
+    34925: lambda data, most: lzma.LZMADecompressor(memlimit=1 << 28).decompress(data, most),
+}
 
 
 def read_tiff(path: Path) -> Grid:
@@ -39,6 +47,7 @@ def stack(path: Path) -> tuple[NDArray, list[float]]:
         packing = "raw" if all(page.compression == 1 for page in pages) else "image"
         for page in pages:
             empty(page.shape, page.dtype, sum(page.databytecounts), packing)
+        _check_strips(opened_file, pages)
         if 0 in shape:
             raise Flaw(f"its images have no samples: {shape}")
         if len(series) > 1:
@@ -55,6 +64,17 @@ def stack(path: Path) -> tuple[NDArray, list[float]]:
     if len(shape) == 4 and len(lead) == 2:
         return (array if axes[0] == "T" else array.swapaxes(0, 1)), spacing
     return array.reshape(-1, *shape[-2:]), spacing
+
+
+def _check_strips(file: BinaryIO, pages: Sequence[Any]) -> None:
+    """Strips hold no more than their page, where they could hold much more: they are unpacked as a whole."""
+    for page in pages:
+        unpack = UNPACK.get(int(page.compression))
+        for offset, count in zip(page.dataoffsets, page.databytecounts, strict=True):
+            if unpack is not None and count * DENSEST["lzma"] > max(64 << 20, 4 * page.nbytes):
+                file.seek(offset)
+                if len(unpack(file.read(count), page.nbytes + 1)) > page.nbytes:
+                    raise Flaw("a strip of its samples holds more than the whole page")
 
 
 def _samples_of(path: Path, dtype: np.dtype, pages: int) -> NDArray:

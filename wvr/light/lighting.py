@@ -11,7 +11,7 @@ import warp as wp
 
 from ..kernels.light.points import KINDS, Lights, Lit, Shading
 from ..kernels.light.points import Light as LightStruct
-from ..validation import choice, positive
+from ..validation import choice, define, integer, positive, real
 from .lights import Headlight, Light, light_list
 
 if TYPE_CHECKING:
@@ -85,14 +85,12 @@ class Lighting:
         choice(self.mode, "mode", MODES)
         choice(self.gradient, "gradient", ("central", "cell"))
         for name in ("ambient", "diffuse", "specular"):
-            value = getattr(self, name)
-            if not isinstance(value, int | float | np.number) or not (np.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} must be a finite number >= 0, got {value!r}")
-        positive(self.shininess, "shininess")
-        parts = self.supersample
-        if isinstance(parts, bool) or not isinstance(parts, int | np.integer) or not 1 <= parts <= MOST_PARTS:
-            raise ValueError(f"supersample must be an integer from 1 to {MOST_PARTS}, got {parts!r}")
-        object.__setattr__(self, "light", light_list(self.light))
+            value = real(getattr(self, name), name, "a finite number >= 0")
+            if not 0 <= value < np.inf:
+                raise ValueError(f"{name} must be a finite number >= 0, got {getattr(self, name)!r}")
+            define(self, **{name: value})
+        parts = integer(self.supersample, "supersample", 1, MOST_PARTS)
+        define(self, shininess=positive(self.shininess, "shininess"), supersample=parts, light=light_list(self.light))
 
     @property
     def lights(self) -> tuple[Light, ...]:

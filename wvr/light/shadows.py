@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..validation import choice, positive
+from ..validation import choice, define, flag, integer, positive, real
 from .lights import Headlight, Light, light_list
 
 if TYPE_CHECKING:
@@ -89,22 +89,15 @@ class ConvolutionShadows:
     cell: float | None = None
 
     def __post_init__(self) -> None:
-        positive(self.slice_distance, "slice_distance")
-        if self.cell is not None:
-            positive(self.cell, "cell")
-        if (
-            isinstance(self.subsamples, bool)
-            or not isinstance(self.subsamples, int | np.integer)
-            or self.subsamples < 0
-        ):
-            raise ValueError(f"subsamples must be an integer >= 0, got {self.subsamples!r}")
-        if not isinstance(self.preintegrated, bool | np.bool_):
-            raise TypeError(f"preintegrated must be True or False, got {self.preintegrated!r}")
-        if (
-            isinstance(self.spread, bool)
-            or not isinstance(self.spread, int | float | np.number)
-            or not 0 <= self.spread < 90
-        ):
+        define(
+            self,
+            slice_distance=positive(self.slice_distance, "slice_distance"),
+            cell=None if self.cell is None else positive(self.cell, "cell"),
+            subsamples=integer(self.subsamples, "subsamples", 0),
+            preintegrated=flag(self.preintegrated, "preintegrated"),
+            spread=real(self.spread, "spread", "an angle in [0, 90) degrees"),
+        )
+        if not 0 <= self.spread < 90:
             raise ValueError(f"spread must be an angle in [0, 90) degrees, got {self.spread!r}")
         choice(self.splitting, "splitting", ("strang", "lie"))
         choice(self.kernel, "kernel", ("diffusive", "fixed"))

@@ -15,7 +15,7 @@ from ..kernels.transfer.preintegration import make_approximate, make_generators
 from ..launch import get_device, launch
 from ..memory import free_host_memory, free_memory
 from ..transfer_function import TransferFunction
-from ..validation import choice, positive
+from ..validation import choice, finite_array, float_array, integer, positive
 from .running import Cut, RunningIntegrals
 from .table import Table
 
@@ -108,11 +108,10 @@ def preintegrate(
     """
     if not isinstance(tf, TransferFunction):
         raise TypeError(f"tf must be a TransferFunction, got {type(tf).__name__}")
-    if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 2:
-        raise ValueError(f"n must be an integer >= 2, got {n!r}")
-    given: Any = [length] if np.ndim(length) == 0 else length
-    lengths = [positive(value, "length") for value in given]
-    if not lengths or np.any(np.diff(lengths) <= 0):
+    n = integer(n, "n", 2)
+    given = np.atleast_1d(float_array(length, "length"))
+    lengths = [positive(value, "length") for value in given.ravel().tolist()]
+    if given.ndim > 1 or not lengths or np.any(np.diff(lengths) <= 0):
         raise ValueError(f"length must be one number > 0, or one or more ascending, got {length!r}")
     choice(generator, "generator", GENERATORS)
     choice(weights, "weights", WEIGHTS)
@@ -122,7 +121,7 @@ def preintegrate(
     if weights == "lum" and generator == "brute":
         raise ValueError('weights="lum" is a way of generator="incremental", got generator="brute"')
     lo, hi = _domain(tf, domain)
-    on, n = get_device(device), int(n)
+    on = get_device(device)
     if generator != "running" and n > LARGEST:
         raise ValueError(f"n must be at most {LARGEST} for tables of n x n entries, got {n}")
     square = 0 if generator == "running" else _bytes(tf, n, len(lengths), weights, precision)
@@ -214,10 +213,11 @@ def generate(
 
 
 def _domain(tf: TransferFunction, domain: Sequence[float] | None) -> tuple[float, float]:
-    lo, hi = map(float, (tf.knots[0], tf.knots[-1]) if domain is None else domain)
+    given = tf.knots[[0, -1]] if domain is None else finite_array(domain, "domain", (2,))
+    lo, hi = float(given[0]), float(given[1])
     if not (np.isfinite(lo) and np.isfinite(hi) and lo < hi):
-        given = f"domain must be (lo, hi) with lo < hi, got {domain!r}"
-        raise ValueError(given if domain is not None else f"{given}, and the control points are all at {lo:g}")
+        what = f"domain must be (lo, hi) with lo < hi, got {domain!r}"
+        raise ValueError(what if domain is not None else f"{what}, and the control points are all at {lo:g}")
     return lo, hi
 
 

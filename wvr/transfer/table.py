@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..validation import choice
+from ..validation import choice, float_array
 
 
 class Table:
@@ -70,14 +70,16 @@ class Table:
         entries = getattr(self, choice(table, "table", ("rgba", "front", "back", "ambient")))
         if entries is None:
             raise ValueError(f"table must be one that was generated, got {table!r}")
-        u, v = (np.asarray(s, np.float64) for s in (front, back))
+        u, v = float_array(front, "front"), float_array(back, "back")
+        if np.isnan(u).any() or np.isnan(v).any():
+            raise ValueError("front and back must be scalars, got NaN")
         if np.ndim(self.length) == 0:
-            if length is not None and np.any(length != self.length):
+            if length is not None and np.any(float_array(length, "length") != self.length):
                 raise ValueError(f"length must be that of the table, {self.length}, got {length!r}")
             return self._bilinear(entries, u, v)
         lengths = np.concatenate([[0.0], self.length])
-        given = np.asarray(length, np.float64)
-        if length is None or not np.all((given >= 0) & (given <= lengths[-1])):
+        given = float_array(np.nan if length is None else length, "length")
+        if not np.all((given >= 0) & (given <= lengths[-1])):
             raise ValueError(f"length must be in [0, {lengths[-1]}], got {length!r}")
         layer = np.clip(np.searchsorted(lengths, given, "right") - 1, 0, len(lengths) - 2)
         share = ((given - lengths[layer]) / np.diff(lengths)[layer])[..., None]
