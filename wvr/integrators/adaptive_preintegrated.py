@@ -163,4 +163,4 @@ def changes(tf: TransferFunction, unit: float, edges: NDArray[np.float64]) -> ND
     margin = 0.13 * (edges[1] - edges[0])
     first = np.searchsorted(tf.knots, edges[:-1] - margin, "left")
     last = np.searchsorted(tf.knots, edges[1:] + margin, "right")
-    return np.array([steepness[a : b + 1].max() for a, b in zip(first, last, strict=True)])
+    return np.array([steepness[a : b + 1].max() for a, b in zip(first, last, strict=True)], np.float64)
