@@ -13,6 +13,8 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from statistics import median
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from numpy.typing import NDArray
 
 import wvr
 from wvr.color import linear_to_srgb
+from wvr.integrators import Integrator
 
 from .base import scenes as views
 from .base.harness import COLORS, save_figure
@@ -30,6 +33,7 @@ from .base.reference import trilinear
 from .base.rows import spread, write_rows
 from .base.scenes import Scene, picture
 from .base.study import Study
+from .slab_passes import Passes
 
 STUDY = Study("roettger2003")
 PAPER = STUDY.paper
@@ -177,6 +181,116 @@ def oversampling(folder: Path, quick: bool) -> str:
     return f"By scene, rays over 1/256: {shares}. Time over that of 1x: {times}."
 
 
+VIEWS = 20
+
+
+def views_around(scene: Scene, count: int) -> list[wvr.Camera]:
+    """Cameras all around the middle that a scene looks at, as far away as its own and as wide."""
+    camera = scene.camera
+    target, distance = np.array(camera.target), float(np.linalg.norm(np.array(camera.position) - camera.target))
+    heights = 1 - (2 * np.arange(count) + 1) / count
+    angles = np.pi * (3 - np.sqrt(5)) * np.arange(count)
+    ring = np.sqrt(1 - heights**2)
+    directions = np.column_stack([ring * np.cos(angles), heights, ring * np.sin(angles)])
+    return [
+        wvr.Camera(target + distance * one, target, up=(0, 0, 1), view_angle=camera.view_angle) for one in directions
+    ]
+
+
+@STUDY.part("Section 3: several slabs a pass")
+def multistep(folder: Path, quick: bool) -> str:
+    """Passes over the frame buffer, of one slab or of four: what twice and four times as many slabs cost then."""
+    rows: list[dict[str, Any]] = []
+    for name in SCENES:
+        scene = make_scene(name, quick)
+        # The paper's cameras see all of the volume.
+        camera = views.camera(SCENES[name][0], scene.volume, view_angle=20.0)
+        scene = replace(scene, camera=camera, size=(16, 16) if quick else (192, 192))
+        cameras = views_around(scene, 2 if quick else VIEWS)
+        for lit in (False, True):
+            passes = Passes(scene, lit)
+            # Four times as many in a quarter of the views, which is enough for a mean.
+            ways = {"1x, one": (1.0, 1, 1), "1x, four": (1.0, 4, 1), "2x, four": (0.5, 4, 1), "4x, four": (0.25, 4, 4)}
+            seconds: dict[str, list[float]] = {way: [] for way in ways}
+            for i, camera in enumerate(cameras):
+                for way, (step, slabs, every) in ways.items():
+                    if i % every == 0:
+                        seconds[way].append(passes.draw(camera, step, slabs)[1])
+            once = np.array(seconds["1x, one"])
+            ratios = {way: float(np.mean(seconds[way] / once[:: ways[way][2]])) for way in list(ways)[1:]}
+            row: dict[str, Any] = {
+                "scene": name,
+                "lit": "yes" if lit else "no",
+                "1x, one slab a pass, cpu s": once.mean(),
+            }
+            row |= {f"{way} slabs a pass, over that": ratio for way, ratio in ratios.items()}
+            rows.append(row | {"four at once faster by [%]": 100 * (1 / ratios["1x, four"] - 1)})
+    low, high = PAPER["oversampling"]["speed-up of four slabs at once, per cent"]
+    title = f"Section 3: passes of one slab and of four, {VIEWS} views (the paper: four faster by {low} to {high} %)"
+    write_rows(folder, "multistep", title, rows)
+    faster, twice, four = (
+        spread([row[column] for row in rows])
+        for column in (
+            "four at once faster by [%]",
+            "2x, four slabs a pass, over that",
+            "4x, four slabs a pass, over that",
+        )
+    )
+    return (
+        f"Four slabs a pass are {faster} % faster than one (the paper: {low} to {high} %); so blended, twice as many "
+        f"slabs take {twice} times as long as one slab a pass, four times as many {four} times."
+    )
+
+
+# Of the table of extinction: thin, as in the pictures, and dense.
+OPACITIES = {"thin": 4.0, "as shown": 1.0, "dense": 0.25}
+GROUNDS = ("white", "black", "gray")
+
+
+@STUDY.part("Section 3: on a screen")
+def screen(folder: Path, quick: bool) -> str:
+    """Over-sampling as a screen shows it: sRGB on several backgrounds, with and without light, of several opacities;
+    per cent of pixels that are off by more than one and two steps of 255 in any channel.
+    """
+    rows: list[dict[str, Any]] = []
+    for name in ("Bonsai, opaque", "Bonsai, semi-transparent", LEAF_SCENE, "NegHIP, opaque"):
+        whole = make_scene(name, quick)
+        scene = replace(whole, size=(32, 32) if quick else (256, 256))
+        for opacity, unit in OPACITIES.items():
+            tf = whole.transfer_function
+            assert isinstance(tf.unit_distance, float)
+            made = wvr.TransferFunction.from_arrays(tf.knots, tf.colors, tf.opacities, unit * tf.unit_distance)
+            denser = replace(scene, transfer_function=made)
+            for lit in (False, True):
+                light = {"lighting": wvr.Lighting("interpolated")} if lit else {}
+                truth = denser.render(wvr.Exact(), **light)
+                for n in OVERSAMPLING[1:]:
+                    image = denser.render(wvr.Preintegrated(1.0, n), termination=0, **light)
+                    row = {"scene": name, "opacity": opacity, "lit": "yes" if lit else "no", "slabs a voxel": n}
+                    for ground in GROUNDS:
+                        steps = 255 * np.abs(on_screen(image, ground) - on_screen(truth, ground)).max(axis=2)
+                        for limit in (1, 2):
+                            row[f"{ground}: over {limit} [%]"] = 100 * float(np.mean(steps > limit))
+                    rows.append(row)
+    write_rows(folder, "screen", "Pixels off by more than 1 and 2 steps of a screen of 8 bits, sRGB", rows)
+
+    def worst(n: int, limit: int) -> float:
+        return max(
+            row[f"{ground}: over {limit} [%]"] for row in rows if row["slabs a voxel"] == n for ground in GROUNDS
+        )
+
+    return (
+        "Pixels over two steps of a screen, at worst: "
+        + ", ".join(f"{worst(n, 2):.2g} % at {n}x" for n in OVERSAMPLING[1:])
+        + "."
+    )
+
+
+def on_screen(image: wvr.Image, ground: str) -> NDArray[np.float64]:
+    """In sRGB, 0 to 1."""
+    return np.clip(linear_to_srgb(image.composited(ground).astype(np.float64)), 0, 1)
+
+
 # --- Section 4: adaptive pre-integration ------------------------------------------------------------------------------
 
 
@@ -201,30 +315,71 @@ def figure6(folder: Path, quick: bool) -> str:
     return f"Mean number of segments of rays that have any: {', '.join(means)}."
 
 
+# Tolerances of which the highest is taken that has no more rays over a step of the screen than four slabs a voxel.
+EQUAL = (1 / 256, 1 / 128, 1 / 64, 1 / 32)
+
+
+def in_turns(scene: Scene, methods: dict[str, Integrator], rounds: int = 5) -> dict[str, tuple[float, wvr.Image]]:
+    """Median processor seconds of frames, in which methods take turns and rays end alike, and images."""
+    renderers = {name: scene.renderer(integrator, termination=VISIBLE) for name, integrator in methods.items()}
+    images = {name: renderer.render(scene.camera, scene.size) for name, renderer in renderers.items()}
+    times: dict[str, list[float]] = {name: [] for name in methods}
+    for _ in range(rounds):
+        for name, renderer in renderers.items():
+            start = process_time()
+            renderer.render(scene.camera, scene.size)
+            times[name].append(process_time() - start)
+    return {name: (median(times[name]), image) for name, image in images.items()}
+
+
 @STUDY.part("Section 5: times")
 def speed(folder: Path, quick: bool) -> str:
-    """Times and samples of Figures 6, 7 and 9, beside slicing with four-fold over-sampling."""
+    """Adaptive steps beside four slabs a voxel, all of them and those that are not leapt over: frames of all five
+    scenes, and of the highest of four tolerances with no more rays over 1/256 than slabs have.
+    """
     rows = []
-    for scene in (make_scene(name, quick) for name in SCENES if name != LEAF_SCENE):
-        adaptive, sliced = scene.timed(wvr.AdaptivePreintegrated(VISIBLE)), slicing(scene, 4)
-        leaping = scene.timed(wvr.Preintegrated(1.0, 4))
+    for scene in (make_scene(name, quick) for name in SCENES):
         truth = exact(scene.name, quick)
-        low, high = PAPER["seconds"][scene.name]
-        row: dict[str, Any] = {"scene": scene.name, "paper s": f"{low:g}" if low == high else f"{low:g} to {high:g}"}
-        for label, image in (("adaptive", adaptive), ("4x slicing", sliced), ("4x, leaping", leaping)):
-            row[f"{label} s"] = image.stats["seconds_raycast"]
-            row[f"{label} M samples"] = image.stats["samples"] / 1e6
-            row[f"{label} max error"] = wvr.compare(image, truth).max
-        row["rays with more samples than slicing [%]"] = 100 * float(np.mean(adaptive.samples > sliced.samples))
-        rows.append(row)
-    title = f"Section 5: {PAPER['machine']}; here {wvr.get_num_threads()} threads, threshold 1/256"
+        methods: dict[str, Integrator] = {"4x, leaping": wvr.Preintegrated(1.0, 4)}
+        methods |= {f"adaptive, 1/{1 / t:g}": wvr.AdaptivePreintegrated(t) for t in EQUAL}
+        found = in_turns(scene, methods)
+        paper = PAPER["seconds"].get(scene.name)
+        sliced = slicing(scene, 4, 1)
+        base, uniform = found["4x, leaping"]
+        share = errors(uniform, truth)["rays over 1/256 [%]"]
+        alike = next(
+            (name for name in reversed(found) if errors(found[name][1], truth)["rays over 1/256 [%]"] <= share),
+            "adaptive, 1/256",
+        )
+        adaptive = found["adaptive, 1/256"][1]
+        rows.append(
+            {
+                "scene": scene.name,
+                "paper s": None if paper is None else f"{paper[0]:g}" if paper[0] == paper[1] else "1 to 3",
+                "4x, leaping cpu s": base,
+                "adaptive 1/256 cpu s": found["adaptive, 1/256"][0],
+                "adaptive over leaping": found["adaptive, 1/256"][0] / base,
+                "at equal rays": found[alike][0] / base,
+                "with": alike.split()[-1],
+                "4x rays over 1/256 [%]": share,
+                "adaptive rays over 1/256 [%]": errors(adaptive, truth)["rays over 1/256 [%]"],
+                "4x max error": errors(uniform, truth)["max"],
+                "adaptive max error": errors(adaptive, truth)["max"],
+                "4x slices M samples": sliced.stats["samples"] / 1e6,
+                "4x, leaping M samples": uniform.stats["samples"] / 1e6,
+                "adaptive M samples": adaptive.stats["samples"] / 1e6,
+                "adaptive most samples of a ray": int(adaptive.samples.max()),
+                "rays with more samples than slicing [%]": 100 * float(np.mean(adaptive.samples > sliced.samples)),
+            }
+        )
+    title = f"Section 5: {PAPER['machine']}; here {wvr.get_num_threads()} threads, seconds of processor"
     write_rows(folder, "speed", title, rows)
-    ratios = [row["4x slicing s"] / row["adaptive s"] for row in rows]
-    seconds = [row["adaptive s"] for row in rows]
-    more = max(row["rays with more samples than slicing [%]"] for row in rows)
+    most = {row["scene"]: row["adaptive M samples"] for row in rows}
+    fewer = all(most[f"{name}, opaque"] < most[f"{name}, semi-transparent"] for name in ("Bonsai", "NegHIP") if most)
     return (
-        f"Adaptive steps take {spread(seconds)} s, slicing at 4x {spread(ratios)} times as long; "
-        f"{f'up to {more:.2g} % of rays take' if more else 'no ray takes'} more samples than with slicing."
+        f"With adaptive steps of 1/256 a frame takes {spread([row['adaptive over leaping'] for row in rows])} of the "
+        f"time of four slabs a voxel, at equal rays over 1/256 {spread([row['at equal rays'] for row in rows])}; "
+        f"opaque scenes take {'fewer' if fewer else 'more'} samples than semi-transparent ones."
     )
 
 

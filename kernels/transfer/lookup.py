@@ -16,7 +16,7 @@ def make_bilinear(real):
 
     @wp.struct
     class Table:
-        rgba: wp.array2d(dtype=vec4)  # [front, back]
+        rgba: wp.array2d(dtype=vec4)  # [front, back]; of several lengths one behind the other along the first axis
         front: wp.array2d(dtype=vec4)  # lit: diffuse colour and white specular light, weighted towards the front
         back: wp.array2d(dtype=vec4)
         low: real  # scalar of entry 0
@@ -24,11 +24,11 @@ def make_bilinear(real):
 
     @wp.func
     def place(table: Table, front: real, back: real):
-        last = real(table.rgba.shape[0] - 1)
+        last = real(table.rgba.shape[1] - 1)
         u = wp.clamp((front - table.low) * table.scale, real(0.0), last)
         v = wp.clamp((back - table.low) * table.scale, real(0.0), last)
-        i = wp.max(wp.min(int(u), table.rgba.shape[0] - 2), 0)
-        j = wp.max(wp.min(int(v), table.rgba.shape[0] - 2), 0)
+        i = wp.max(wp.min(int(u), table.rgba.shape[1] - 2), 0)
+        j = wp.max(wp.min(int(v), table.rgba.shape[1] - 2), 0)
         return i, j, u - real(i), v - real(j)
 
     @wp.func

@@ -260,6 +260,7 @@ def make_stretchable(real):
         running: wp.array(dtype=wp.vec4d),  # as of ``make_approximate``
         value: wp.array(dtype=vec4),
         table: wp.array2d(dtype=vec4),
+        result: wp.array2d(dtype=vec4),
     ):
         item = wp.tid() + base
         i = item // table.shape[1]
@@ -271,6 +272,6 @@ def make_stretchable(real):
         if entry[3] > real(0.0):
             entry *= tau / entry[3]
         entry[3] = wp.max(tau, real(0.0))
-        table[i, j] = entry
+        result[i, j] = entry
 
     return stretchable

@@ -88,6 +88,9 @@ def test_numbers_change_nothing(name, scene):
         if tabulated and how.get("offset") == 1e12:
             # Entries 1/511 apart, among numbers that are 1.2e-4 apart.
             assert error.max() < 5e-3 and error.mean() < 2e-4, numbers
+        elif name == "AdaptivePreintegrated":
+            # Rounding may say that a cell is one segment more.
+            assert error.max() < integrator.tolerance and error.mean() < 1e-6, numbers
         else:
             # What is certified is measured in single precision, and cut where that is not good enough.
             rounding = 2e-9 if name == "Exact" and how.get("dtype") != "float32" else 1e-5

@@ -1,4 +1,4 @@
-"""Adaptive pre-integration, and how long its steps may be in each cube of cells."""
+"""Adaptive pre-integration, and how much a transfer function makes of an error of the scalar."""
 
 from __future__ import annotations
 
@@ -9,16 +9,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..field.blocks import Ranges, rows_of
-from ..field.samples import samples_struct
+from ..field.blocks import Octants
 from ..keep import Keeper, Part
-from ..kernels.cuts.labels import MIXED
-from ..kernels.field.bends import MORE, cubes, make_bends, make_distances, vec8d
 from ..kernels.integrators.adaptive_preintegrated import Half
-from ..kernels.precision import REALS
-from ..launch import launch
-from ..transfer.function import Transfer, transfer_values
-from ..transfer.lookup import Lookup
+from ..transfer.function import transfer_values
+from ..transfer.lookup import Stretchable
 from ..transfer_function import TransferFunction
 from ..validation import below_one, define, positive
 from .base import Integrator
@@ -27,23 +22,29 @@ if TYPE_CHECKING:
     from ..frame import Frame
     from ..scene import Scene
 
+# Over the range of the volume, a power of two.
+BINS = 256
+# Samples along an axis that the walk in whole numbers can count.
+MOST = 2**20
+
 
 @dataclass(frozen=True)
 class AdaptivePreintegrated(Integrator):
     """Pre-integrated segments as long as the field is straight enough where the transfer function sees it.
 
-    The adaptive pre-integration of Roettger et al., "Smart Hardware-Accelerated Volume Rendering" (2003): each cube of
-    8 cells along each axis has its longest step, from bounds on the field's second differences and on the transfer
-    function's slopes over the cube's range. Blocks without any extinction are leapt over.
+    The adaptive pre-integration of Roettger et al., "Smart Hardware-Accelerated Volume Rendering" (2003): the step
+    follows from the second derivative of the scalar, which is known exactly along the ray in each cell, and from how
+    much the transfer function makes of a deviation there. Cells without any extinction are leapt over. A segment has
+    the line of the same integral as the scalar's, and a table of all lengths.
 
     Parameters
     ----------
     tolerance
-        Error of optical depth or colour that a step may have because the scalar is not linear along it, in (0, 1),
-        weighted by the transparency in front of it. A bound for each step that is not forced; the errors of a ray's
-        steps mostly cancel, at worst they add up.
+        Error of optical depth or colour that the segments in a cell may have because the scalar is not linear along
+        them, in (0, 1), weighted by the transparency in front of them. A bound but where they are forced; the errors
+        of a ray's cells mostly cancel, at worst they add up.
     hmin
-        A step of this length is forced: taken whatever its error [smallest voxel spacing], > 0.
+        A segment of this length is forced: taken whatever its error [smallest voxel spacing], > 0.
 
     Notes
     -----
@@ -55,6 +56,8 @@ class AdaptivePreintegrated(Integrator):
     tolerance: float
     hmin: float = 0.125
     traces: ClassVar[bool] = True
+    cells: ClassVar[bool] = True
+    asks: ClassVar[tuple[str, ...]] = ("centered",)
 
     def __post_init__(self) -> None:
         define(self, tolerance=below_one(self.tolerance, "tolerance"))
@@ -68,114 +71,95 @@ class AdaptivePreintegrated(Integrator):
     def shortest(self) -> float:
         return self.hmin
 
+    def _packed(self, scene: Scene) -> bool:
+        """Whether cells may be computed many at a time, in single precision."""
+        fits = max(scene.volume.shape) <= MOST and scene.segmentation is None
+        return fits and self.precision(scene) == "float32" and hasattr(scene.volume.half, "cubics")
+
     def half(self, scene: Scene) -> Half:
-        return Half()
+        return Half(self._packed(scene))
 
     def numbers(self, scene: Scene, keep: Keeper) -> dict[str, Any]:
-        return {"shortest": self.hmin, "tolerance": self.tolerance}
+        edges = bins(scene.table_shape(None)[1])
+        numbers = {
+            "shortest": self.hmin,
+            "tolerance": self.tolerance,
+            "low": edges[0] - scene.shift,
+            "scale": BINS / (edges[-1] - edges[0]),
+            "longest": longest(scene),
+        }
+        if self._packed(scene) and keep.device.is_cpu:
+            numbers["octants"] = keep(Octants(scene.kinds()))
+        return numbers
 
     def parts(self, scene: Scene) -> dict[str, Part]:
-        functions = tuple(self.function(scene, tf) for tf in scene.functions)
-        scale = tuple((scene.unit / np.linalg.norm(scene.volume.index_to_world[:3, :3], axis=0)).tolist())
-        kinds = scene.kinds() if scene.segmentation is not None else None
-        return {"distance": Distances(Bends(scene.ranges(), scale), functions, self.tolerance, kinds)}
+        return {"changes": Changes(tuple(scene.functions), scene.unit, scene.table_shape(None)[1])}
 
     def table(self, scene: Scene, tf: TransferFunction) -> Part:
         n, domain = scene.table_shape(None)
-        precision = self.precision(scene)
-        return Lookup(tf, scene.unit, self.hmin, n, domain, "stretchable", scene.shift, precision, False)
+        # An entry a grey level: what counts beside more exact entries is that they stay in a processor's cache.
+        n = (n + 1) // 2
+        return Stretchable(tf, scene.unit, longest(scene), n, domain, scene.shift, self.precision(scene))
 
     def termination(self, scene: Scene) -> float:
         return min(1 / 256, self.tolerance)
 
-    def check(self, scene: Scene) -> None:
-        if scene.volume.blocks() is None:
-            raise ValueError(f"integrator must be one that needs no blocks of the volume, got {self!r}")
-
     def report(self, frame: Frame) -> dict[str, Any]:
-        return {"tolerance_covers": "what a linear scalar costs a step; not forced steps, nor their sum along a ray"}
+        covers = (
+            "for the segments in a cell, that the scalar is not linear along them; not forced ones, nor the look-up "
+            "between table entries, nor that segments add up"
+        )
+        return {"tolerance_covers": covers}
+
+
+def longest(scene: Scene) -> float:
+    """Diagonal of a cell [smallest voxel spacing]."""
+    corners = scene.volume.index_to_world[:3, :3] @ [[1, 1, 1, 1], [1, 1, -1, -1], [1, -1, 1, -1]]
+    return float(np.linalg.norm(corners, axis=0).max() / scene.unit)
 
 
 @dataclass(frozen=True)
-class Bends(Part):
-    """How far the field may be from linear along any ray in each cube, for axes of so many nodes a unit length."""
+class Changes(Part):
+    """How much an error of the scalar changes emission, at most, by scalar: of ``BINS`` over a domain, for the largest
+    of several transfer functions. Row l has at k the largest of bins k .. k + 2**l - 1.
+    """
 
-    ranges: Ranges
-    scale: tuple[float, ...]
-    name: ClassVar[str] = "bends"
-
-    def build(self, keep: Keeper) -> wp.array:
-        data = keep(self.ranges.data)
-        result = keep.empty(cubes(data.shape), wp.vec2d)
-        inputs = [samples_struct(data), wp.vec3d(*self.scale), result]
-        launch(make_bends(data.dtype), result.size, inputs, keep.device)
-        return result
-
-
-@dataclass(frozen=True)
-class Distances(Part):
-    """How long a step may be in each cube of cells, by a tolerance; where there are labels, by those of the cube."""
-
-    bends: Bends
-    functions: tuple[Part, ...]
-    tolerance: float
-    kinds: Part | None
-    name: ClassVar[str] = "distances"
+    functions: tuple[TransferFunction, ...]
+    unit: float
+    domain: tuple[float, float]
+    name: ClassVar[str] = "changes"
 
     def build(self, keep: Keeper) -> wp.array:
-        each = [self._of(function, keep) for function in self.functions]
-        if self.kinds is None:
-            return each[0]
-        # By its own transfer function in a cube of one, else the shortest of all.
-        held = together(keep(self.kinds).held.numpy())
-        result = np.min([one.numpy() for one in each], axis=0)
-        for state, one in enumerate(each):
-            result = np.where(held == state, one.numpy(), result)
-        return wp.array(result, dtype=wp.float32, device=keep.device)
-
-    def _of(self, function: Part, keep: Keeper) -> wp.array:
-        assert isinstance(function, Transfer)
-        ranges = keep(self.bends.ranges)
-        result = keep.empty(keep(self.bends).shape, wp.float32)
-        maxima = range_maxima(function.function, function.unit, keep.device)
-        kernel = make_distances(keep(self.bends.ranges.data).dtype, REALS[function.precision])
-        inputs = [ranges, keep(self.bends), wp.float64(function.shift), keep(function), maxima]
-        launch(kernel, rows_of(result), [*inputs, wp.float64(self.tolerance), result], keep.device)
-        return result
+        edges = bins(self.domain)
+        rows = [np.max([changes(tf, self.unit, edges) for tf in self.functions], axis=0)]
+        while 2 ** len(rows) <= BINS:
+            half = 2 ** (len(rows) - 1)
+            row = rows[-1].copy()
+            row[:-half] = np.maximum(row[:-half], row[half:])
+            rows.append(row)
+        with np.errstate(over="ignore"):
+            return wp.array(np.stack(rows).astype(np.float32), dtype=wp.float32, device=keep.device)
 
 
-def together(held: NDArray[np.int32]) -> NDArray[np.int32]:
-    """States of cubes by those of their blocks: ``MIXED`` where those differ."""
-    size = 1 << int(MORE)
-    padded = np.pad(held, [(0, -n % size) for n in held.shape], mode="edge")
-    blocks = padded.reshape([m for n in padded.shape for m in (n // size, size)])
-    least, most = blocks.min(axis=(1, 3, 5)), blocks.max(axis=(1, 3, 5))
-    return np.where(least == most, least, np.int32(MIXED))
+def bins(domain: tuple[float, float]) -> NDArray[np.float64]:
+    """Edges of bins over a domain; neither samples nor control points are likely to lie on them."""
+    width = (domain[1] - domain[0]) / (BINS - 1)
+    return domain[0] + width * (np.arange(BINS + 1) - 0.31)
 
 
-def range_maxima(tf: TransferFunction, unit: float, device: wp.Device) -> wp.array:
-    """Bounds on a transfer function over any range of its n + 1 intervals: row l has at k those of k .. k + 2**l - 1.
-
-    Per interval: how much an error of the scalar changes emission, |tau'| + tau |c'| for extinction tau per ``unit`` of
-    length and colours up to 1; extinction; colour; minus colour, so that all are maxima.
+def changes(tf: TransferFunction, unit: float, edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Largest change of emission or extinction by the scalar between each edge and the next, and a little to each side
+    for rounding: |tau'| + tau |c'| for extinction tau per ``unit`` of length and colours up to 1.
     """
     values = transfer_values(tf, unit)
-    ends = np.stack([values[[0, *range(len(values))]], values[[*range(len(values)), -1]]])
-    extinction = ends[:, :, 3].max(axis=0)
-    change = np.abs(ends[1] - ends[0])
-    width = np.concatenate([[1.0], np.diff(tf.knots), [1.0]])
+    change = np.abs(np.diff(values, axis=0))
+    extinction = np.maximum(values[1:, 3], values[:-1, 3])
     # A jump is infinitely steep, unless nobody sees it.
     with np.errstate(divide="ignore", invalid="ignore"):
-        visibility = (change[:, 3] + extinction * change[:, :3].max(axis=1)) / width
-    visibility = np.nan_to_num(visibility, nan=0.0, posinf=np.inf)
-    # A colour that nobody sees is none.
-    colors = np.where(
-        extinction[:, None] > 0, np.hstack([ends[:, :, :3].max(axis=0), -ends[:, :, :3].min(axis=0)]), -np.inf
-    )
-    rows = [np.column_stack([visibility, extinction, colors])]
-    while 2 ** len(rows) <= len(extinction):
-        half = 2 ** (len(rows) - 1)
-        row = rows[-1].copy()
-        row[:-half] = np.maximum(row[:-half], row[half:])
-        rows.append(row)
-    return wp.array(np.stack(rows), dtype=vec8d, device=device)
+        steepness = (change[:, 3] + extinction * change[:, :3].max(axis=1)) / np.diff(tf.knots)
+    # Nothing changes beyond the outermost control points.
+    steepness = np.concatenate([[0.0], np.nan_to_num(steepness, nan=0.0, posinf=np.inf), [0.0]])
+    margin = 0.13 * (edges[1] - edges[0])
+    first = np.searchsorted(tf.knots, edges[:-1] - margin, "left")
+    last = np.searchsorted(tf.knots, edges[1:] + margin, "right")
+    return np.array([steepness[a : b + 1].max() for a, b in zip(first, last, strict=True)], np.float64)

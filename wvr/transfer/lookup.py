@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
 import warp as wp
 
 from ..keep import Keeper, Part
-from ..kernels.precision import REALS
+from ..kernels.precision import REALS, vec4_of
 from ..kernels.transfer.lookup import make_table
 from ..kernels.transfer.preintegration import make_stretchable
 from ..launch import launch
 from ..transfer_function import TransferFunction
+from .function import transfer_values
 from .preintegration import generate, tables_of
 from .running import Cut, vec4_array
 
@@ -22,8 +24,7 @@ class Lookup(Part):
     """The struct of ``kernels.transfer.lookup``, for look-ups of scalars minus ``shift``.
 
     Of segments of ``length`` units, with extinction per ``unit`` of world length and n entries along each axis over the
-    ``domain``. ``generator="stretchable"``: of mean emission and extinction, for segments of any length; colours are
-    those of ``length``. With light three tables: of ambient colour and opacity, and the front- and back-weighted ones.
+    ``domain``. With light three tables: of ambient colour and opacity, and the front- and back-weighted ones.
     """
 
     function: TransferFunction
@@ -54,12 +55,49 @@ class Lookup(Part):
             tables = tables_of(self.function, cut, self.length, self.generator, "lighting", self.precision, device)
             ambient = tables.get("ambient", tables["rgba"])
             return [vec4_array(table, real, device) for table in (ambient, tables["front"], tables["back"])]
-        colors = cut.colors(None)
-        stretchable = self.generator == "stretchable"
-        generator = "incremental" if stretchable else self.generator
-        table = generate(colors, cut, self.length, generator, None, self.precision, device)[0]
-        if stretchable:
-            running = wp.array(cut.running(), dtype=wp.vec4d, device=device)
-            inputs = [running, cut.pieces(colors, real, device).value, table]
-            launch(make_stretchable(real), self.n**2, inputs, device, grain=self.n)
-        return [table]
+        return [generate(cut.colors(None), cut, self.length, self.generator, None, self.precision, device)[0]]
+
+
+# Layers of a table of all lengths, of which the shortest are for segments that are hardly dense, if there are enough.
+LAYERS = 8
+HARDLY = 0.25
+
+
+@dataclass(frozen=True)
+class Stretchable(Part):
+    """The same of mean emission and extinction, for segments of any length: layers of lengths, one behind the other
+    along the first axis, from the ``longest`` on each half as long as the one before.
+    """
+
+    function: TransferFunction
+    unit: float
+    longest: float
+    n: int
+    domain: tuple[float, float]
+    shift: float
+    precision: str
+    name: ClassVar[str] = "table"
+
+    def build(self, keep: Keeper) -> Any:
+        low, high = self.domain
+        real, n = REALS[self.precision], self.n
+        cut = Cut(self.function, n, self.domain, self.unit)
+        colors, running = cut.colors(None), wp.array(cut.running(), dtype=wp.vec4d, device=keep.device)
+        layers = keep.empty((self.layers * n, n), vec4_of(real))
+        for k in range(self.layers):
+            layer = layers[k * n : (k + 1) * n]
+            generated = generate(colors, cut, self.longest / 2**k, "incremental", None, self.precision, keep.device)[0]
+            inputs = [running, cut.pieces(colors, real, keep.device).value, generated, layer]
+            launch(make_stretchable(real), n**2, inputs, keep.device, grain=n)
+        Table, _ = make_table(real)
+        table = Table()
+        table.rgba = layers
+        table.low = low - self.shift
+        table.scale = (n - 1) / (high - low)
+        return table
+
+    @property
+    def layers(self) -> int:
+        """As many as there are lengths of which the densest segment is more than hardly dense, and one."""
+        depth = float(transfer_values(self.function, self.unit)[:, 3].max()) * self.longest
+        return int(np.clip(np.ceil(np.log2(max(depth / HARDLY, 1.0))) + 1, 1, LAYERS))
