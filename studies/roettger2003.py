@@ -266,7 +266,12 @@ def screen(folder: Path, quick: bool) -> str:
                 truth = denser.render(wvr.Exact(), **light)
                 for n in OVERSAMPLING[1:]:
                     image = denser.render(wvr.Preintegrated(1.0, n), termination=0, **light)
-                    row = {"scene": name, "opacity": opacity, "lit": "yes" if lit else "no", "slabs a voxel": n}
+                    row: dict[str, Any] = {
+                        "scene": name,
+                        "opacity": opacity,
+                        "lit": "yes" if lit else "no",
+                        "slabs a voxel": n,
+                    }
                     for ground in GROUNDS:
                         steps = 255 * np.abs(on_screen(image, ground) - on_screen(truth, ground)).max(axis=2)
                         for limit in (1, 2):

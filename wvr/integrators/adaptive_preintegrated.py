@@ -144,7 +144,7 @@ class Changes(Part):
 def bins(domain: tuple[float, float]) -> NDArray[np.float64]:
     """Edges of bins over a domain; neither samples nor control points are likely to lie on them."""
     width = (domain[1] - domain[0]) / (BINS - 1)
-    return domain[0] + width * (np.arange(BINS + 1) - 0.31)
+    return domain[0] + width * (np.arange(BINS + 1, dtype=np.float64) - 0.31)
 
 
 def changes(tf: TransferFunction, unit: float, edges: NDArray[np.float64]) -> NDArray[np.float64]:
