@@ -5,7 +5,7 @@ generator, and what a look-up between entries costs in accuracy.
 """
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import warp as wp
@@ -37,7 +37,7 @@ def random_transfer_function(knots: int = 256, seed: int = 0) -> wvr.TransferFun
 @STUDY.part("Table 1")
 def table1(folder: Path, quick: bool) -> str:
     """Time to build a table against its size, on the CPU and every CUDA device."""
-    sizes, brute_up_to = ([32, 64, 128], 128) if quick else (list(PAPER), 1024)
+    sizes, brute_up_to = ([32, 64, 128], 128) if quick else (list(PAPER), 2048)
     findings = []
     for device in (get_device("cpu"), *wp.get_cuda_devices()):
         hoisted = make_hoisted()
@@ -54,7 +54,7 @@ def table1(folder: Path, quick: bool) -> str:
     return " ".join(findings)
 
 
-def _table1_row(n: int, device: wp.Device, hoisted: tuple, with_brute: bool) -> dict:
+def _table1_row(n: int, device: wp.Device, hoisted: Any, with_brute: bool) -> dict:
     cut = Cut(random_transfer_function(), n, (0, 255), 1.0)
     colors = cut.colors(None)
 

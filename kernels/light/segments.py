@@ -154,6 +154,14 @@ def make_lit(halves):
         if wp.static(mode in ("center", "average", "interpolated")):
             if whole:
                 i, j, x, y = place(scene.table, part.front, part.back)
+                if wp.static(mode != "interpolated" and not material):
+                    # One light, of which both weights together are the table without any.
+                    q = between(scene.table.rgba, i, j, x, y)
+                    one = vec4()
+                    for c in range(3):
+                        one[c] = (real(scene.light.shading.ambient) + I[c]) * q[c] + I[c + 3] * q[3]
+                    one[3] = q[3]
+                    return widened(one)
                 f = between(scene.table.front, i, j, x, y)
                 b = between(scene.table.back, i, j, x, y)
                 plain = f + b

@@ -12,8 +12,8 @@ in bins of r; the suffix of one bin over the prefix of the next is an entry. O(n
 ``approximate`` neglects the attenuation inside a segment (Engel et al. 2001; Roettger et al. 2003): wrong where dense.
 
 For lighting, a segment also carries the first moment of what it emits about its own start (``over_moment``), whose
-share of the length is the back-weighted integral; nothing is subtracted to get it. The way of Lum et al., section 4.3,
-weights by a ramp over the whole table and subtracts i times the unweighted entry: kept as a baseline.
+share of the length is the back-weighted integral; nothing is subtracted to get it. (The way of Lum et al., section 4.3,
+is the host's ``ramped``: tables of ramped colours, of which i times the unweighted entry is subtracted.)
 """
 
 from functools import cache
@@ -72,28 +72,19 @@ def make_pieces(real):
 
 
 @cache
-def make_generators(real, weights):
+def make_generators(real, weighted):
     """Kernels ``diagonal`` (n items), ``incremental`` (items of ``bins``) and ``brute`` (n * n items).
 
-    ``weights`` is "none", "lighting" or "lum"; with weights, ``moments`` receives the back-weighted entries.
+    ``weighted``: ``moments`` receives the back-weighted entries.
     """
     vec4 = vec4_of(real)
     Pieces, elementary = make_pieces(real)
     absorbed, _ = make_absorbed(real)
     shares = make_shares(real)
-    weighted = weights != "none"
 
     @wp.func
     def rounded(segment: wp.vec4d):
         return vec4(segment)
-
-    @wp.func
-    def back_weighted(segment: wp.vec4d, moment: wp.vec4d, origin: int, r: int):
-        """The share of the back end, from the moment about it (or, "lum", about ``origin`` intervals before)."""
-        if wp.static(weights == "lum"):
-            # In the table's own precision, as published: this is where digits are lost.
-            return (rounded(moment) - real(origin) * rounded(segment)) / real(r)
-        return rounded(moment / wp.float64(r))
 
     @wp.kernel(enable_backward=False, module="unique")
     def incremental(
@@ -160,11 +151,8 @@ def make_generators(real, weights):
             if wp.static(weighted):
                 m = over_moment(low, widened(moments[i, j]), wp.float64(r - o), up, up_moment)
                 w = over_moment(down, down_moment, wp.float64(o), high, widened(moments[j, i]))
-                if wp.static(weights == "lum"):
-                    m += wp.float64(i) * rise
-                    w += wp.float64(n - 1 - j) * fall
-                moments[i, j] = back_weighted(rise, m, i, r)
-                moments[j, i] = back_weighted(fall, w, n - 1 - j, r)
+                moments[i, j] = rounded(m / wp.float64(r))
+                moments[j, i] = rounded(w / wp.float64(r))
 
     @wp.kernel(enable_backward=False, module="unique")
     def brute(

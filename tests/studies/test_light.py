@@ -5,7 +5,7 @@ import pytest
 from matplotlib import rc_context
 
 import wvr
-from studies import angelelli2017, campagnolo2015, clipping, lighting, roettger2003
+from studies import angelelli2017, campagnolo2015, clipping, lighting, roettger2003, slab_passes
 from studies.base.harness import STYLE
 
 from .helpers import rows_of
@@ -23,7 +23,7 @@ def test_lighting(results):
 def test_factors():
     """Of a clip field that is linear between the ends: where it is 0.5."""
     front, back = np.random.default_rng(0).random((2, 1000))
-    factors = clipping.factors(front, back)
+    factors = slab_passes.factors(front, back)
     t = np.linspace(0, 1, 20001)
     visible = front[:, None] + t * (back - front)[:, None] >= 0.5
     np.testing.assert_allclose(factors["b"], visible.mean(axis=1), atol=1e-4)

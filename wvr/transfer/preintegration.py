@@ -120,6 +120,8 @@ def preintegrate(
         raise ValueError(f"weights must be None for generator={generator!r}, got {weights!r}")
     if weights == "lum" and generator == "brute":
         raise ValueError('weights="lum" is a way of generator="incremental", got generator="brute"')
+    if weights == "lum" and any(one is not None for one in tf.materials().values()):
+        raise ValueError('weights="lum" is for transfer functions without ambient, diffuse and specular coefficients')
     lo, hi = _domain(tf, domain)
     on = get_device(device)
     if generator != "running" and n > LARGEST:
@@ -166,11 +168,14 @@ def tables_of(
     def arrays(colors: tuple, weights: str | None) -> list[NDArray]:
         return [table.numpy() for table in generate(colors, cut, length, generator, weights, precision, device)]
 
-    plain = arrays(cut.colors(None), weights)
+    plain = arrays(cut.colors(None), None if weights == "lum" else weights)
     tables = {"rgba": plain[0]}
     if tf.ambient is not None:
         tables["ambient"] = arrays(cut.colors(tf.ambient), None)[0]
-    if weights is not None:
+    if weights == "lum":
+        back = ramped(cut, plain[0], length, generator, precision, device)
+        tables["front"], tables["back"] = plain[0] - back, back
+    elif weights is not None:
         diffuse, specular = plain, None
         if tf.diffuse is not None:
             diffuse = arrays(cut.colors(tf.diffuse), weights)
@@ -181,6 +186,40 @@ def tables_of(
             total[..., 3], back[..., 3] = specular[0][..., 0], specular[1][..., 0]
         tables["front"], tables["back"] = total - back, back
     return tables
+
+
+def ramped(
+    cut: Cut, plain: NDArray[np.floating], length: float, generator: str, precision: str, device: wp.Device
+) -> NDArray[np.floating]:
+    """Back-weighted entries as Lum et al. (2004) have them, section 4.3: the table of colours times a ramp over the
+    whole table, less i times the ``plain`` one, over how many intervals the entry has, all in the table's precision.
+    White in place of the opacity. On the diagonal, which the paper leaves open, the ramp is in length.
+    """
+    real = plain.dtype.type
+    n = cut.n
+    i = np.arange(n, dtype=real)
+    apart = i[None, :] - i[:, None]
+    depth = -np.log1p(-np.minimum(np.diagonal(plain[..., 3]).astype(np.float64), 1 - 1e-16))
+    thin = np.minimum(depth, 0.1)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        share = np.where(
+            depth > 0.1, 1 / depth - 1 / np.expm1(depth), 0.5 - thin / 12 + thin**3 / 720 - thin**5 / 30240
+        )
+    back = plain * share.astype(real)[:, None, None]
+    for rising in (True, False):
+        # At the control points: entries from the first one on or, for segments that fall, from the last.
+        at = np.interp(cut.tf.knots, cut.grid[[0, -1]], [0, n - 1] if rising else [n - 1, 0])
+        made = [
+            generate(cut.colors(at, white=white), cut, length, generator, None, precision, device)[0].numpy()
+            for white in (False, True)
+        ]
+        globally = np.concatenate([made[0][..., :3], made[1][..., :1]], axis=-1)
+        origin = i[:, None] if rising else n - 1 - i[:, None]
+        there = apart > 0 if rising else apart < 0
+        back[there] = ((globally - origin[..., None] * plain) / np.where(there, np.abs(apart), real(1.0))[..., None])[
+            there
+        ]
+    return back
 
 
 def generate(
@@ -202,7 +241,7 @@ def generate(
         launch(make_approximate(real), n * n, [running, pieces.value, length, table], device, grain=n)
         return [table]
     moments = wp.empty_like(table) if weights else table
-    diagonal, incremental, brute = make_generators(real, weights or "none")
+    diagonal, incremental, brute = make_generators(real, weights is not None)
     launch(diagonal, n, [pieces, length, table, moments], device, grain=n)
     if generator == "brute":
         launch(brute, n * n, [pieces, length, table, moments], device, grain=n)
