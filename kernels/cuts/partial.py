@@ -9,6 +9,9 @@ table knows segments of the whole length only; ``parts`` says what is made of it
 * "ratio": the same opacity, and the colour in proportion to it;
 * "isosurface": C and A, for tables of isosurfaces, whose opacity does not depend on the length of a segment;
 * "length": integrated anew for its own length, which is what a table of all lengths would hold.
+
+Lit, a segment has the light of its ends moved to the cut: of intensities that are linear along it, the mean over what
+is visible is that at a = (r + g) / 2.
 """
 
 from functools import cache
@@ -57,7 +60,8 @@ def make_factors(dtype):
 
 @cache
 def make_partial(halves, linear_segment):
-    """``partial(scene, a, b, front, back, h)`` -> what is visible of the segment of length h from point a to point b.
+    """``partial(scene, a, b, front, back, h)`` -> what is visible of the segment of length h from point a to point b,
+    and where its middle is, in parts of the whole.
 
     ``linear_segment`` is that of ``linear``.
     """
@@ -71,12 +75,13 @@ def make_partial(halves, linear_segment):
     @wp.func
     def partial(scene: Scene, a: wp.vec3d, b: wp.vec3d, front: real, back: real, h: real):
         r, g = factors(scene.cuts.clipping, a, b)
+        middle = real(wp.float64(0.5) * (r + g))
         segment = wp.vec4d()
         if r < g:
             s0 = front + real(r) * (back - front)
             s1 = front + real(g) * (back - front)
             if wp.static(parts == "length"):
-                return linear_segment(scene.transfer, scene.march.nodes, s0, s1, real(g - r) * h)
+                return linear_segment(scene.transfer, scene.march.nodes, s0, s1, real(g - r) * h), middle
             # Of the length that the table is for.
             share = (g - r) * wp.float64(h) / scene.march.step
             segment = widened(lookup(scene.table, s0, s1))
@@ -89,6 +94,6 @@ def make_partial(halves, linear_segment):
                 elif segment[3] > wp.float64(0.0):
                     segment *= A / segment[3]
                 segment[3] = A
-        return segment
+        return segment, middle
 
     return partial

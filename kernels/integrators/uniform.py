@@ -63,6 +63,7 @@ def make_uniform(halves):
     finite = halves.field.finite
     cuts = halves.cuts
     ends = rule in ("trapezoid", "simpson", "preintegrated")  # the rule needs the scalar at both ends of a segment
+    vec2 = vec2_of(real)
     vec3 = vec3_of(real)
     vec4 = vec4_of(real)
     packet = wp.types.vector(PACKET, real)
@@ -141,6 +142,28 @@ def make_uniform(halves):
             return seen(scene, s, origin, direction, a + half, eye)
 
     @wp.func
+    def lit_cut(
+        scene: Scene,
+        origin: vec3,
+        direction: vec3,
+        ends_at: vec2,
+        front: real,
+        back: real,
+        first: Intensity,
+        second: Intensity,
+    ):
+        """A segment between two places on the ray that clips cut, with the mean of the light at both its ends there."""
+        a = ends_at[0]
+        b = ends_at[1]
+        segment, middle = partial(scene, point(origin, direction, a), point(origin, direction, b), front, back, b - a)
+        I = first + middle * (second - first)
+        for c in range(3):
+            segment[c] = (wp.float64(scene.light.shading.ambient) + wp.float64(I[c])) * segment[c] + wp.float64(
+                I[c + 3]
+            ) * segment[3]
+        return segment
+
+    @wp.func
     def march(scene: Scene, start: wp.vec3d, along: wp.vec3d, begin: wp.float64, stop: wp.float64):
         # Along the stretch in the march's own precision, from where it begins.
         origin = vec3(start + begin * along)
@@ -197,21 +220,28 @@ def make_uniform(halves):
                                 if shone != i + l:
                                     first = light_ends(scene, origin, direction, a, eye)
                                 second = light_ends(scene, origin, direction, a + h, eye)
-                                part = Stretch()
-                                part.origin = origin
-                                part.direction = direction
-                                part.eye = eye
-                                part.t = a
-                                part.h = h
-                                part.front = front
-                                part.back = s[l]
-                                ray = over(ray, lit_segment(scene, part, i + l < count - 1, first, second))
+                                if wp.static(cuts.parts is not None):
+                                    ends_at = vec2(a, a + h)
+                                    ray = over(
+                                        ray, lit_cut(scene, origin, direction, ends_at, front, s[l], first, second)
+                                    )
+                                else:
+                                    part = Stretch()
+                                    part.origin = origin
+                                    part.direction = direction
+                                    part.eye = eye
+                                    part.t = a
+                                    part.h = h
+                                    part.front = front
+                                    part.back = s[l]
+                                    ray = over(ray, lit_segment(scene, part, i + l < count - 1, first, second))
                                 first = second
                                 shone = i + l + 1
                         elif wp.static(cuts.parts is not None):
-                            first_point = point(origin, direction, a)
-                            last_point = point(origin, direction, a + h)
-                            ray = over(ray, partial(scene, first_point, last_point, front, s[l], h))
+                            seen_part, _middle = partial(
+                                scene, point(origin, direction, a), point(origin, direction, a + h), front, s[l], h
+                            )
+                            ray = over(ray, seen_part)
                         elif i + l < count - 1:
                             ray = over(ray, widened(lookup(scene.table, front, s[l])))
                         else:

@@ -62,7 +62,7 @@ def make_lit(halves):
     def ends(scene: Scene, origin: vec3, direction: vec3, t: real, eye: vec3):
         p = origin + t * direction
         g = gradient(scene, p)
-        if wp.static(mode == "center"):
+        if wp.static(mode == "center" and halves.cuts.parts is None):
             normal, clear = surface(scene, g)
             return Intensity(normal[0], normal[1], normal[2], clear, real(0.0), real(0.0))
         return light(scene, p, g, eye)

@@ -9,7 +9,7 @@ import wvr
 from studies.base.reference import trilinear
 from wvr.kernels.cuts.partial import PARTS
 
-from ..helpers import SMOOTH, block, centered, constant, every_kind, max_error, middle, ramp
+from ..helpers import SMOOTH, along, block, centered, constant, every_kind, max_error, middle, ramp
 
 
 @every_kind
@@ -132,6 +132,34 @@ def test_parts_approach_exact_with_the_step(blobs):
     for parts, order in (("length", 1.8), ("ratio", 1.8), ("power", 1.8), ("first-order", 1.8)):
         coarse, fine = (parts_error(parts, volume, SMOOTH, step, field, 0.0)[0].max() for step in (0.5, 0.125))
         assert np.log(coarse / fine) / np.log(4) > order, parts
+
+
+@pytest.mark.parametrize("mode", ["interpolated", "center"])
+def test_light_of_cut_segments(mode):
+    """One segment, cut in the middle: each half has the light of its own middle, and both together that of the mean."""
+    z, _, x = np.indices((2, 5, 5))
+    volume = centered(100 + 20.0 * z * (x - 2) + 5 * x)
+    tf = wvr.TransferFunction([(0, (1, 0.5, 0.2), 0.4), (255, (1, 0.5, 0.2), 0.4)])
+    field = ramp(np.array([0.0, 0.0, 1.0]), 0.0)
+    light = wvr.DirectionalLight((1, 0, 0))
+
+    def rendered(mode, **clip):
+        clips = [wvr.ClipVolume(field, 0.0, parts="first-order", **clip)] if clip else None
+        camera, lighting = along(2), wvr.Lighting(mode, light, ambient=0.1, diffuse=0.8, specular=0.3)
+        how = {"integrator": wvr.Preintegrated(1.0), "lighting": lighting, "precision": "float64", "termination": 0}
+        return wvr.render(volume, tf, camera, (5, 5), clip=clips, **how).rgba[1:-1, 1:-1]
+
+    near, far, whole = rendered(mode, invert=False), rendered(mode, invert=True), rendered("average")
+    np.testing.assert_allclose(near + far, whole, rtol=0, atol=1e-9)
+    assert np.abs(near - far)[..., :3].max() > 0.02 and np.abs(near - far)[..., 3].max() < 1e-9
+
+
+def test_cut_segments_are_lit_without_coefficients():
+    tf = wvr.TransferFunction.from_arrays([0, 1], [[1, 1, 1]] * 2, [0.1, 0.2], diffuse=[0.5, 1.0])
+    clip = wvr.ClipVolume(ramp(np.array([0.0, 0.0, 1.0]), 0.0), parts="ratio")
+    how = {"integrator": wvr.Preintegrated(1.0), "lighting": wvr.Lighting(), "clip": clip}
+    with pytest.raises(ValueError, match="clip with parts is lit without coefficients"):
+        wvr.render(centered(np.ones((3, 3, 3))), tf, along(2), (2, 2), **how)
 
 
 @pytest.mark.parametrize("parts", PARTS)

@@ -38,8 +38,8 @@ class Clip:
 
     def check(self, scene: Scene) -> None:
         """Say so where the scene's other pieces do not go with this one."""
-        if self.parts is not None and scene.lighting is not None:
-            raise ValueError("clip with parts is for segments without light, got a lighting")
+        if self.parts is not None and scene.material:
+            raise ValueError("clip with parts is lit without coefficients of the transfer function, which has some")
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,7 @@ class ClipVolume(Clip):
         (C, A) for them counts by the share b of the segment that is left: ``"first-order"``, b C and b A;
         ``"power"``, b C and 1 - (1 - A)^b; ``"ratio"``, that opacity and colour in proportion; ``"isosurface"``, as it
         is, for tables whose entries do not depend on length; ``"length"``, integrated for the length that is left.
+        Lit, a segment has the light at its ends moved to the cut (the gradients' factor, a), whatever the mode.
         None, the default, cuts rays exactly.
 
     Raises
