@@ -232,7 +232,8 @@ def figure2(folder: Path, quick: bool) -> str:
     scene = Scene("nested", volume, tf, camera, (96, 96) if quick else (256, 64))
     renderer = dense(scene, 4.0)
     truth = lit(renderer, scene, "supersampled")
-    rows, images = [], {}
+    rows: list[dict[str, Any]] = []
+    images = {}
     for mode in ("center", "closest-isosurface", "isosurface", "interpolated"):
         image = lit(renderer, scene, mode)
         line = (image.rgba - truth.rgba)[scene.size[1] // 2, :, :3]

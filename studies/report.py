@@ -85,6 +85,8 @@ def write_page(folder: Path, studies: Sequence[tuple[Study, dict[str, dict[str, 
                 lines += ["", f"### {part.title}", "", part.what]
                 if claim := study.claim(part.name):
                     lines += ["", f"> {claim['where']}: {claim['says']}"]
+                    if "verdict" in claim:
+                        lines += ["", f"{claim['verdict'].capitalize()}. {claim['why']}"]
                 lines += ["", f"**{record['finding']}**"]
                 for name in record["files"]:
                     path = f"{study.name}/{part.name}/{name}"
@@ -124,6 +126,8 @@ def _part(folder: Path, study: Study, part: Part, record: dict[str, Any]) -> str
     title = f"<h3>{escape(part.title)}</h3><p>{escape(part.what)}</p>"
     if claim := study.claim(part.name):
         title += f'<p class="says"><span class="where">{escape(claim["where"])}:</span> {escape(claim["says"])}</p>'
+        if "verdict" in claim:
+            title += f"<p>{escape(claim['verdict'].capitalize())}. {escape(claim['why'])}</p>"
     if not record:
         return title + "<p>Not run.</p>"
     if "error" in record:

@@ -13,7 +13,8 @@ A module of ``studies`` is a study if it has a ``STUDY``, which the parts join::
 
 All that a part writes into its folder is its result: CSV and JSON, charts as SVG and PNG. ``quick`` is small, takes
 generated volumes only, and shows that the study works. What a paper reported lies in ``studies/data/NAME.json``:
-numbers with the page or table they are from, and under ``"claims"``, by part, where and what.
+numbers with the page or table they are from, and under ``"claims"``, by part, where and what, our verdict (one of
+``VERDICTS``) and why. The paper's page in docs/ has them in a table.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from pathlib import Path
 from typing import Any
 
 DATA = Path(__file__).parents[1] / "data"
+VERDICTS = ("confirmed", "confirmed in kind", "not confirmed", "cannot be tested here")
 
 Work = Callable[[Path, bool], str]
 
@@ -73,5 +75,5 @@ class Study:
         return join
 
     def claim(self, part: str) -> dict[str, str]:
-        """``where`` and ``says``: what the paper reported; empty where it does not."""
+        """``where`` and ``says``: what the paper reported; ``verdict``, ``why``: ours. Empty where it does not."""
         return self.paper.get("claims", {}).get(part, {})

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import wvr
-from studies import roettger2003, stability
+from studies import roettger2003, runner, stability
+from studies.base.study import VERDICTS
 
 from .helpers import rows_of
 
@@ -75,3 +76,22 @@ def test_clipping(results):
         )
         assert exact < ratio < first < 0.2 * naive
     assert mean[None, "Certified(1/512)"] < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("study", "page"),
+    [
+        ("roettger2003", "roettger2003"),
+        ("clipping", "clipping"),
+        ("lum2004", "tables"),
+        ("lighting", "lighting"),
+        ("campagnolo2015", "adaptive"),
+    ],
+)
+def test_each_claim_has_a_verdict_on_the_page_of_its_paper(study, page):
+    (found,) = runner.find([study])
+    text = (runner.ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    assert found.paper["claims"].keys() <= found.parts.keys()
+    for part, claim in found.paper["claims"].items():
+        assert claim["verdict"] in VERDICTS, part
+        assert f"| {claim['where']} | {claim['says']} | {claim['verdict']} | {claim['why']} |" in text, part
