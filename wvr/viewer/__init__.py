@@ -1,0 +1,1 @@
+"""A progressive viewer that says how wrong its picture is: docs/viewer.md."""
