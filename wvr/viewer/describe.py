@@ -38,7 +38,7 @@ def source_json(source: Source) -> Json:
         "histogram": [round(height, 4) for height in heights.tolist()],
         "span": span,
         "spacing": volume.smallest_spacing,
-        "frames": len(source.data),
+        "frames": len(source.given_volumes),
         "views": [*WORLD, *(PATIENT if anatomical else ())],
         "suggestions": list(source.suggestions),
         "presets": list(PRESETS),

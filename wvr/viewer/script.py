@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+import numpy as np
 
 from ..cuts.shapes import ClipBox, ClipPlane, ClipSphere
 from ..transfer_function import TransferFunction
@@ -55,17 +56,17 @@ def script(source: Source, scene: Scene, tolerance: float | None) -> str:
 
 
 def _reading(source: Source, frame: int) -> list[str]:
-    data = source.data[frame]
-    files = getattr(source.volume(frame), "files", ())
-    if isinstance(data, str):
-        return [f"volume = wvr.as_volume({data!r})"]
+    given = source.given(frame)
+    files: tuple[Any, ...] = getattr(source.volume(frame), "files", ())
+    if isinstance(given, str):
+        return [f"volume = wvr.as_volume({given!r})"]
     if len(files) == 1:
         return [f"volume = wvr.read({str(files[0])!r})"]
     return ["# volume: the data that the viewer was given"]
 
 
 def _points(tf: TransferFunction) -> str:
-    values = [f"    {column.tolist()!r},\n" for column in (tf.knots, tf.colors, tf.opacities)]
+    values = [f"    {np.asarray(column).tolist()!r},\n" for column in (tf.knots, tf.colors, tf.opacities)]
     values += [f"    unit_distance={tf.unit_distance!r},\n"]
     values += [f"    {name}={old.tolist()!r},\n" for name, old in tf.materials().items() if old is not None]
     return f"TransferFunction.from_arrays(\n{''.join(values)})"

@@ -141,7 +141,7 @@ class Session:
             self._move(lambda camera: self._pointer.move(camera, message, self._logical))
             return
         x, y = self._pixel(message)
-        found = pick(self.source.volume(self._scene.frame), self._scene, x, y)
+        found = pick(self.source.loaded(self._scene.frame), self._scene, x, y)
         self._send({"type": "picked"} | ({} if found is None else found._asdict()), None)
 
     def _on_wheel(self, message: Message) -> None:
@@ -183,7 +183,7 @@ class Session:
     def _on_focus(self, message: Message) -> None:
         """Turn around what is at a place of the picture, in the middle where there is none."""
         x, y = self._pixel(message) if "x" in message else (n / 2 for n in self._scene.size)
-        found = pick(self.source.volume(self._scene.frame), self._scene, x, y)
+        found = pick(self.source.loaded(self._scene.frame), self._scene, x, y)
         if found is not None:
             self._move(lambda camera: cameras.focused(camera, found.position))
 
@@ -226,8 +226,8 @@ class Session:
 
     def _on_frame(self, message: Message) -> None:
         frame = int(message["index"])
-        if not 0 <= frame < len(self.source.data):
-            raise IndexError(f"frame must be from 0 to {len(self.source.data) - 1}, got {frame}")
+        if not 0 <= frame < len(self.source.given_volumes):
+            raise IndexError(f"frame must be from 0 to {len(self.source.given_volumes) - 1}, got {frame}")
         self._change(frame=frame)
         self._tell()
 
@@ -254,7 +254,10 @@ class Session:
         """All that a client had before its connection was lost, as it was last told."""
         known = message["state"]
         camera = Camera(**known["camera"])
-        fields: Message = {"camera": camera, "frame": min(max(int(known["frame"]), 0), len(self.source.data) - 1)}
+        fields: Message = {
+            "camera": camera,
+            "frame": min(max(int(known["frame"]), 0), len(self.source.given_volumes) - 1),
+        }
         if known["function"] is not None and self._scene.transfer_function is not None:
             fields["transfer_function"] = TransferFunction.from_json(known["function"])
         settings = self._clips

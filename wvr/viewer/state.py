@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,10 +14,12 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..cuts.base import Clip, clip_list
 from ..defaults import Call, lighting_of, shadows_of
+from ..launch import get_device
 from ..light.lighting import Lighting
 from ..light.lights import DirectionalLight
 from ..light.shadows import ConvolutionShadows
 from ..presets import suggest
+from ..renderer import Renderer
 from ..sources import as_volume
 from ..transfer_function import TransferFunction
 from ..volume import Volume
@@ -102,7 +105,7 @@ class Source:
 
     Attributes
     ----------
-    data
+    given_volumes
         What stands for the volumes: files are read when their turn comes.
     options
         Of a :class:`wvr.Renderer`, but for what a scene says.
@@ -110,13 +113,17 @@ class Source:
         The scene that every client starts with.
     """
 
-    data: Sequence[Any]
+    given_volumes: Sequence[Any]
     call: Call
     options: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._volume: tuple[int, Any] = 0, as_volume(self.data[0])
-        self.first_volume = self._volume[1]
+        self._reading = threading.Lock()
+        self._other: tuple[int, Any] = 0, None
+        self.first_volume: Any = as_volume(self.given_volumes[0])
+        # Says what it does not accept before anybody looks.
+        Renderer(self.first_volume, None, segmentation=self.call.segmentation, **self.options)
+        get_device(self.options.get("device"))
         look = self.call.look(self.first_volume, (512, 512))
         self.background = BACKGROUND if look.background is None else look.background
         given = self.call.lighting
@@ -125,13 +132,20 @@ class Source:
         self.clips = clip_list(self.call.clip)
         self.first = Scene(look.camera, look.transfer_function, lighting=lighting, shadows=shadows, clips=self.clips)
 
-    def volume(self, frame: int) -> Volume:
+    def given(self, frame: int) -> Any:
+        """What stands for the volume of a frame."""
+        return self.given_volumes[frame]
+
+    def volume(self, frame: int) -> Any:
         """The volume of a frame; the last one asked for, and the first, are kept."""
-        if frame == 0:
-            return self.first_volume
-        if self._volume[0] != frame:
-            self._volume = frame, as_volume(self.data[frame])
-        return self._volume[1]
+        with self._reading:
+            if frame != 0 and self._other[0] != frame:
+                self._other = frame, as_volume(self.given_volumes[frame])
+            return self.first_volume if frame == 0 else self._other[1]
+
+    def loaded(self, frame: int) -> Any:
+        """The volume of a frame if it is there, else None."""
+        return self.first_volume if frame == 0 else self._other[1] if self._other[0] == frame else None
 
     @property
     def framed(self) -> bool:
