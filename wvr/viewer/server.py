@@ -13,7 +13,6 @@ import logging
 import threading
 from collections.abc import Iterable
 from http import HTTPStatus
-from importlib.resources import files
 from time import monotonic
 from typing import Any
 from urllib.parse import urlsplit
@@ -23,6 +22,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from .outbox import Outbox
+from .page import resource
 from .session import Session
 from .state import Source
 
@@ -206,11 +206,6 @@ class Server:
                 del response.headers[header]
             response.headers[header] = value
         return response
-
-
-def resource(name: str) -> str:
-    """The text of a file of the page."""
-    return (files("wvr.viewer") / "page" / name).read_text(encoding="utf-8")
 
 
 def _headers(kind: str, policy: str) -> Iterable[tuple[str, str]]:

@@ -79,9 +79,11 @@ def view(
     """
     source = source_of(data, transfer_function, options)
     if in_notebook():
-        from .widget import widget
-
-        return widget(source)
+        try:
+            from .widget import Widget
+        except ImportError as error:
+            raise ImportError(f"in notebooks the viewer needs anywidget: pip install wvr[viewer] ({error})") from None
+        return Widget(source)
     viewer = Viewer(source, port, token)
     if open_browser:
         print(f"wvr: {source.title} at {viewer.address}", file=sys.stderr)

@@ -159,6 +159,7 @@ export function start (root, send) {
     const bitmap = await createImageBitmap(blob, { colorSpaceConversion: 'none', premultiplyAlpha: 'none' })
     if (turn > drawn) { // one that was decoded sooner is newer
       drawn = turn
+      canvas.classList.remove('wvr-still')
       const [width, height] = message.size
       if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height })
       context.drawImage(bitmap, 0, 0, width, height)
@@ -195,7 +196,20 @@ export function start (root, send) {
   }
   new ResizeObserver(resized).observe(stage)
 
+  // A picture that is there without anybody who could answer.
+  async function still (address) {
+    const image = new Image()
+    image.src = address
+    await image.decode()
+    if (drawn > 0) return
+    Object.assign(canvas, { width: image.naturalWidth, height: image.naturalHeight })
+    canvas.classList.add('wvr-still')
+    context.drawImage(image, 0, 0)
+    status.textContent = 'A picture of the volume; it moves where there is a kernel.'
+  }
+
   return {
+    still,
     receive: (message, blob) => handlers[message.type]?.(message, blob),
     connected () {
       complain('')
