@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import shutil
 import threading
 import time
+from io import BytesIO
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import wvr
 from tests.viewer.helpers import source, wait_for
@@ -21,11 +24,7 @@ from wvr.viewer import Viewer  # noqa: E402
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 TOKEN = "a-token-for-tests"
 # What the canvas has, to the last bit.
-PIXELS = """() => {
-  const canvas = document.querySelector('canvas.wvr-picture')
-  return Array.from(canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data)
-}"""
-
+PIXELS = "() => document.querySelector('canvas.wvr-picture').toDataURL('image/png').split(',')[1]"
 WIDE = """() => [...document.querySelectorAll('.wvr-viewer *')]
   .filter((element) => element.getBoundingClientRect().right > innerWidth + 1)
   .map((element) => element.outerHTML.slice(0, 80))"""
@@ -50,6 +49,12 @@ def browser():
 
 @pytest.fixture
 def viewer():
+    with Viewer(source(), token=TOKEN) as opened:
+        yield opened
+
+
+@pytest.fixture
+def lit():
     with Viewer(source(lighting=True), token=TOKEN) as opened:
         yield opened
 
@@ -57,7 +62,7 @@ def viewer():
 class Page:
     """A page that complains of nothing."""
 
-    def __init__(self, browser, viewer, width=560, height=300, **options):
+    def __init__(self, browser, viewer, width=400, height=300, **options):
         self.context = browser.new_context(viewport={"width": width, "height": height}, **options)
         self.page = self.context.new_page()
         self.page.set_default_timeout(10_000)
@@ -73,10 +78,8 @@ class Page:
 
     def pixels(self):
         """Of the final picture."""
-        canvas = self.page.locator("canvas.wvr-picture")
         self.until("window.pictures.at(-1)?.whole && window.pictures.at(-1).met")
-        width, height = canvas.evaluate("(canvas) => [canvas.width, canvas.height]")
-        return np.array(self.page.evaluate(PIXELS), np.uint8).reshape(height, width, 4)
+        return np.array(Image.open(BytesIO(base64.b64decode(self.page.evaluate(PIXELS)))))
 
     def until(self, expression):
         """Until it is true; the page's policy lets nobody else look."""
@@ -113,11 +116,11 @@ def still(viewer, message):
     return wvr.render(volume, first.transfer_function, camera, size, lighting=True).to_uint8("black")
 
 
-def test_the_final_picture_is_the_still(browser, viewer):
+def test_the_final_picture_is_the_still(browser, lit):
     """Every pixel of it, before and after a drag; and the page says that the tolerance is met."""
-    with Page(browser, viewer) as page:
+    with Page(browser, lit) as page:
         pixels = page.pixels()
-        assert np.array_equal(pixels[..., :3], still(viewer, page.last())) and np.all(pixels[..., 3] == 255)
+        assert np.array_equal(pixels[..., :3], still(lit, page.last())) and np.all(pixels[..., 3] == 255)
         box = page.page.locator("canvas.wvr-picture").bounding_box()
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
@@ -129,7 +132,7 @@ def test_the_final_picture_is_the_still(browser, viewer):
 
         turned = page.changed(drag)
         assert not np.array_equal(turned, pixels)
-        assert np.array_equal(turned[..., :3], still(viewer, page.last()))
+        assert np.array_equal(turned[..., :3], still(lit, page.last()))
         numbers = page.page.evaluate("window.pictures.map((picture) => picture.number)")
         assert numbers == sorted(numbers)
         text = page.page.inner_text(".wvr-status")
@@ -165,9 +168,10 @@ def test_wheel_and_keys(browser, viewer):
 
 def test_the_editor_changes_the_picture(browser, viewer):
     """By mouse, by keys and by numbers; undo brings it back."""
-    with Page(browser, viewer, height=700) as page:
+    with Page(browser, viewer, height=400) as page:
         first = page.pixels()
         handle = page.page.get_by_role("slider", name="Control point 2")
+        handle.scroll_into_view_if_needed()
         box = handle.bounding_box()
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
@@ -209,8 +213,8 @@ def test_the_editor_changes_the_picture(browser, viewer):
         page.page.get_by_role("alert").get_by_text("not a JSON file").wait_for()
 
 
-def test_light_and_clips(browser, viewer):
-    with Page(browser, viewer, height=900) as page:
+def test_light_and_clips(browser, lit):
+    with Page(browser, lit, height=400) as page:
         first = page.pixels()
         moved = page.changed(lambda: page.page.get_by_label("From the right").fill("80"))
         assert not np.array_equal(moved, first)
@@ -240,9 +244,8 @@ def test_two_pages(browser, viewer):
 
 def test_a_page_finds_a_viewer_that_was_started_again(browser):
     """With its camera, transfer function and clips."""
-    view = source(lighting=True)
-    first = Viewer(view, token=TOKEN)
-    with Page(browser, first, height=700) as page:
+    first = Viewer(source(), token=TOKEN)
+    with Page(browser, first, height=400) as page:
         page.pixels()
         page.page.locator("canvas.wvr-picture").focus()
         page.changed(lambda: page.page.keyboard.press("ArrowLeft"))
@@ -253,7 +256,7 @@ def test_a_page_finds_a_viewer_that_was_started_again(browser):
         first.close()
         page.page.get_by_role("alert").get_by_text("No connection").wait_for()
         page.page.evaluate("window.pictures = []")
-        with Viewer(source(lighting=True), port, TOKEN):
+        with Viewer(source(), port, TOKEN):
             again = page.pixels()
             assert np.array_equal(again, shown)
         page.problems = [problem for problem in page.problems if "WebSocket" not in problem]
