@@ -381,7 +381,7 @@ class TransferFunction:
             Where it is no JSON, no transfer function, of a version not known, or holds a wrong control point.
         """
         try:
-        text = read_text(path_of(path))
+            text = read_text(path_of(path))
         except ValueError as error:
             raise ValueError(f"{path} is not a JSON file: {error}") from None
         return cls.from_json(text, str(path))

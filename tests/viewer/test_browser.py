@@ -140,6 +140,8 @@ def test_the_final_picture_is_the_still(browser, lit):
         assert page.page.locator("[role=status]").inner_text() == text
         page.page.mouse.move(x, y)
         page.until("document.querySelector('.wvr-under').textContent.includes('at (')")
+        page.page.wait_for_timeout(200)
+        assert page.page.inner_text(".wvr-status") == text, "what is under the mouse changes no picture"
 
 
 def test_wheel_and_keys(browser, viewer):

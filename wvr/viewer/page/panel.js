@@ -158,6 +158,8 @@ export function panel (make, send, pace, { screenshot, download, focus }) {
     table.hidden = text !== ''
     copy.textContent = 'Copy'
     if (!dialog.open) dialog.showModal()
+    area.setSelectionRange(0, 0)
+    area.scrollTop = 0
   }
   const help = () => open('Keys and mouse', '')
 
