@@ -272,6 +272,25 @@ def test_frames_are_volumes():
         assert client.last("source")["frames"] == 2
 
 
+def test_labels_are_shown_and_not_edited():
+    volume = wvr.datasets.load("blobs", 16)
+    labels = np.zeros(volume.shape, np.uint8)
+    labels[8:] = 1
+    tf = wvr.TransferFunction([(0, "red", 0.0), (255, "white", 0.5)])
+    call = wvr.defaults.Call(None, wvr.Camera.fit(volume), segmentation=wvr.Segmentation(labels, {1: tf}))
+    with Client(Source([volume], call)) as client:
+        picture = client.final()
+        assert picture.met and picture.image.rgba.max() > 0
+        client.session.greet()
+        assert client.last("state")["points"] is None and client.last("source")["suggestions"] == []
+        client.say("edit", op="undo")
+        assert "of labels" in client.errors[-1]
+        client.say("view", name="reset")
+        client.say("pointer_move", x=30, y=20, button=0)
+        client.say("script")
+        assert "segmentation=segmentation" in client.last("text")["text"] and len(client.errors) == 1
+
+
 def test_views_and_projections():
     with Client(source()) as client:
         for name in ("iso", "xy", "zx", "reset"):

@@ -11,7 +11,7 @@ from .state import State
 
 Pixels = NDArray[np.uint8]
 # Bounds from so many powers of ten below the tolerance up to it, from dark to light.
-DECADES = 3.0
+DECADES = 5.0
 # Where pixels are over the tolerance.
 OVER = (255, 0, 255)
 # Of a line's colour, so much is on the picture.

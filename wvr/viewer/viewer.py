@@ -88,7 +88,7 @@ def view(
     if open_browser:
         print(f"wvr: {source.title} at {viewer.address}", file=sys.stderr)
         webbrowser.open(viewer.address)
-        if not (hasattr(sys, "ps1") or sys.flags.interactive or "IPython" in sys.modules):
+        if not (hasattr(sys, "ps1") or sys.flags.interactive or _shell() is not None):
             viewer.wait()
     return viewer
 
@@ -170,9 +170,13 @@ def _are_frames(data: Any) -> bool:
 
 def in_notebook() -> bool:
     """Whether this runs in a kernel of Jupyter, which shows widgets."""
+    return hasattr(_shell(), "kernel")
+
+
+def _shell() -> Any:
+    """IPython's, if this runs in one."""
     ipython = sys.modules.get("IPython")
-    shell = None if ipython is None else ipython.get_ipython()
-    return shell is not None and hasattr(shell, "kernel")
+    return None if ipython is None else ipython.get_ipython()
 
 
 def _imported() -> Any:

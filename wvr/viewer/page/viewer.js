@@ -186,7 +186,7 @@ export function start (root, send) {
       side.source(message)
     },
     picked (message) {
-      const number = (x) => Number(x.toPrecision(5))
+      const number = (x) => Number(x.toPrecision(4))
       under.textContent = message.position === undefined
         ? ''
         : `${number(message.value)} at (${message.position.map(number).join(', ')})`
@@ -213,6 +213,7 @@ export function start (root, send) {
     receive: (message, blob) => handlers[message.type]?.(message, blob),
     connected () {
       complain('')
+      if (drawn === 0) status.textContent = 'Waiting for the first picture …'
       resized()
       // What this page showed before: the server may be another one by now.
       if (known !== null) send({ type: 'restore', state: camera === null ? known : { ...known, camera } })
