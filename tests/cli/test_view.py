@@ -39,6 +39,7 @@ def test_it_serves_until_ctrl_c():
         ([], "give a file, a folder of slices or the name of a dataset"),
         (["nowhere"], "nowhere"),
         (["blobs", "--port", "70000"], "port"),
+        (["blobs", "--size", "8x8"], "--size is for images"),
         (["blobs", "--dataset-size", "8", "--tolerance", "2", "--no-open-browser"], "tolerance"),
     ],
 )

@@ -277,7 +277,7 @@ def test_labels_are_shown_and_not_edited():
     labels = np.zeros(volume.shape, np.uint8)
     labels[8:] = 1
     tf = wvr.TransferFunction([(0, "red", 0.0), (255, "white", 0.5)])
-    call = wvr.defaults.Call(None, wvr.Camera.fit(volume), segmentation=wvr.Segmentation(labels, {1: tf}))
+    call = wvr.defaults.Call(tf, wvr.Camera.fit(volume), segmentation=wvr.Segmentation(labels, {1: tf}))
     with Client(Source([volume], call)) as client:
         picture = client.final()
         assert picture.met and picture.image.rgba.max() > 0
@@ -305,14 +305,16 @@ def test_views_and_projections():
         assert len(client.errors) == 2 and "did you mean" not in client.errors[0]
 
 
-@pytest.mark.parametrize("clips", [[], [wvr.ClipSphere((12, 12, 12), 9.0)]])
-def test_the_script_renders_the_picture(clips, tmp_path, monkeypatch):
+@pytest.mark.parametrize("options", [{"lighting": True}, {"clip": wvr.ClipSphere((12, 12, 12), 9.0)}], ids=str)
+def test_the_script_renders_the_picture(options, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with Client(source(lighting=True, clip=clips, tolerance=2e-3)) as client:
+    with Client(source(tolerance=2e-3, **options)) as client:
         client.say("key_down", key="ArrowUp", modifiers=[])
         client.say("edit", op="color", index=1, color="#3fa9e0")
-        client.say("light", lamp=[10, 20], shadows=True)
-        client.say("clip", kind="box", set={"on": True})
+        if "clip" in options:
+            client.say("clip", kind="box", set={"on": True})
+        else:
+            client.say("light", lamp=[10, 20], shadows=True)
         picture = client.final()
         client.say("script")
         names = {"volume": client.session.source.first_volume}

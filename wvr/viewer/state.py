@@ -130,7 +130,9 @@ class Source:
         lighting = given if given is not None else look.lighting is not None
         shadows = self.call.shadows
         self.clips = clip_list(self.call.clip)
-        self.first = Scene(look.camera, look.transfer_function, lighting=lighting, shadows=shadows, clips=self.clips)
+        # With labels, a transfer function is not used.
+        function = look.transfer_function if self.call.segmentation is None else None
+        self.first = Scene(look.camera, function, lighting=lighting, shadows=shadows, clips=self.clips)
 
     def given(self, frame: int) -> Any:
         """What stands for the volume of a frame."""

@@ -96,6 +96,13 @@ def view(
 class Viewer:
     """A page with a volume on it, served until it is closed; made by :func:`wvr.view`.
 
+    Parameters
+    ----------
+    source
+        What there is to see, as of ``wvr.viewer.viewer.source_of``.
+    port, token
+        As of :func:`wvr.view`.
+
     Attributes
     ----------
     address
