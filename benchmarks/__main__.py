@@ -16,7 +16,7 @@ from rich.console import Console
 from studies.base.harness import STYLE, Settings, markdown, rich_table, save, save_figure
 from wvr.files import write_text
 
-from . import certified, clipping, cold, peers, throughput
+from . import certified, clipping, cold, peers, throughput, viewer
 
 ENTRIES: dict[str, ModuleType] = {
     "throughput": throughput,
@@ -24,6 +24,7 @@ ENTRIES: dict[str, ModuleType] = {
     "clipping": clipping,
     "peers": peers,
     "cold": cold,
+    "viewer": viewer,
 }
 RECORDED = Path(__file__).parent / "results"
 # Of all charts, the one that reports show.
@@ -45,7 +46,7 @@ def run(
     Parameters
     ----------
     names
-        What to measure: throughput, certified, clipping, peers, cold; all by default.
+        What to measure: throughput, certified, clipping, peers, cold, viewer; all by default.
     rounds
         How often each contender runs.
     quick

@@ -136,8 +136,18 @@ def test_peers_without_vtk_say_why(monkeypatch, tmp_path):
     ]
 
 
+def test_a_viewer_answers_before_it_is_done(quick):
+    result, text = quick("viewer")
+    rows = {row.name: row for row in result.rows}
+    assert {"coarse picture", "final picture"} <= rows.keys()
+    page = "first picture on a page"
+    assert page in rows or any(note.startswith("No page: ") for note in result.notes)
+    assert all(row.extra["p95 [s]"] >= row.fastest for name, row in rows.items() if name != "final picture")
+    assert "p95" in text
+
+
 def test_unknown_names_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"throughput, certified, clipping, peers, cold, got speed"):
+    with pytest.raises(ValueError, match=r"throughput, certified, clipping, peers, cold, viewer, got speed"):
         command.run("speed", out=tmp_path)
 
 

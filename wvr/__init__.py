@@ -23,6 +23,7 @@ from .sources import as_volume
 from .transfer.preintegration import preintegrate
 from .transfer.table import Table
 from .transfer_function import TransferFunction
+from .viewer import Viewer, view
 from .volume import Volume
 from .warm_up import warm_up
 
@@ -52,6 +53,7 @@ __all__ = [
     "Simpson",
     "Table",
     "TransferFunction",
+    "Viewer",
     "Volume",
     "as_volume",
     "compare",
@@ -68,6 +70,7 @@ __all__ = [
     "set_num_threads",
     "single_scattering",
     "time_series",
+    "view",
     "warm_up",
 ]
 __version__ = "0.1.0"

@@ -354,12 +354,15 @@ class TransferFunction:
         """
         path = path_of(path)
         known_suffix(path, (".json",))
+        write_text(path, self.to_json())
+
+    def to_json(self) -> str:
+        """The text that :meth:`save` writes, every float exact."""
         lines = ",\n".join(f"    {json.dumps(point)}" for point in self._points())
-        text = (
+        return (
             f'{{\n  "format": {json.dumps(FORMAT)},\n  "version": {VERSION},\n'
             f'  "unit_distance": {json.dumps(self.unit_distance)},\n  "points": [\n{lines}\n  ]\n}}\n'
         )
-        write_text(path, text)
 
     def _points(self) -> list[dict[str, Any]]:
         columns = {"scalar": self.knots, "color": self.colors, "opacity": self.opacities, **self.materials()}
@@ -378,13 +381,22 @@ class TransferFunction:
             Where it is no JSON, no transfer function, of a version not known, or holds a wrong control point.
         """
         try:
-            content = json.loads(read_text(path_of(path)))
-        except (ValueError, RecursionError) as error:
+            text = read_text(path_of(path))
+        except ValueError as error:
             raise ValueError(f"{path} is not a JSON file: {error}") from None
+        return cls.from_json(text, str(path))
+
+    @classmethod
+    def from_json(cls, text: str, name: str = "text") -> TransferFunction:
+        """The transfer function of a text of :meth:`to_json`; errors are as of :meth:`load` and say the ``name``."""
+        try:
+            content = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise ValueError(f"{name} is not a JSON file: {error}") from None
         if not isinstance(content, dict) or content.get("format") != FORMAT:
-            raise ValueError(f'{path} is not a transfer function: it must be an object with "format": "{FORMAT}"')
+            raise ValueError(f'{name} is not a transfer function: it must be an object with "format": "{FORMAT}"')
         if content.get("version") != VERSION:
-            raise ValueError(f"{path} has version {content.get('version')!r} of the format; this wvr reads {VERSION}")
+            raise ValueError(f"{name} has version {content.get('version')!r} of the format; this wvr reads {VERSION}")
         try:
             points, unit_distance = content["points"], content["unit_distance"]
             given = [name for name in MATERIALS if any(name in point for point in points)]
@@ -394,9 +406,9 @@ class TransferFunction:
                 column["scalar"], column["color"], column["opacity"], unit_distance, ambient, diffuse, specular
             )
         except KeyError as error:
-            raise ValueError(f"{path} lacks {error}") from None
+            raise ValueError(f"{name} lacks {error}") from None
         except (TypeError, ValueError) as error:
-            raise ValueError(f"{path} holds no valid transfer function: {error}") from None
+            raise ValueError(f"{name} holds no valid transfer function: {error}") from None
 
     def __repr__(self) -> str:
         return (

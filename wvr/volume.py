@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import sys
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -289,6 +290,11 @@ class Volume(Field):
         from .interop import to_pyvista
 
         return to_pyvista(self)
+
+    def view(self, transfer_function: Any = None, **options: Any) -> Any:
+        """A viewer of it; see :func:`wvr.view`."""
+        # By its name: a volume is known to all that a viewer shows, and must not ask for it.
+        return import_module("wvr.viewer").view(self, transfer_function, **options)
 
     def __getstate__(self) -> dict[str, Any]:
         """What is pickled: the samples as NumPy holds them, nothing of any device."""

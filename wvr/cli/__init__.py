@@ -1,4 +1,4 @@
-"""The command line: ``wvr render``, ``wvr orbit``, ``wvr info``, ``wvr warm-up`` and ``wvr study``.
+"""The command line: ``wvr render``, ``wvr orbit``, ``wvr view``, ``wvr info``, ``wvr warm-up`` and ``wvr study``.
 
 Results go to stdout, everything else to stderr. Exit codes: 0; 1 where a file, device, memory or study fails; 2 for
 arguments that are not accepted; 130 for Ctrl-C.
@@ -9,6 +9,7 @@ from .info import info
 from .orbit import orbit
 from .render import render
 from .study import study
+from .view import view
 from .warm_up import warm_up
 
-__all__ = ["app", "info", "main", "orbit", "render", "study", "warm_up"]
+__all__ = ["app", "info", "main", "orbit", "render", "study", "view", "warm_up"]

@@ -1,0 +1,58 @@
+"""``wvr view``: a volume to turn, in a browser."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from .look import Look
+from .source import Reading
+from .stages import Stages
+
+
+def view(
+    *sources: str,
+    port: Annotated[int, Parameter(validator=Number(gte=0, lte=65535))] = 0,
+    open_browser: Annotated[bool, Parameter(negative="--no-open-browser")] = True,
+    look: Look = Look(),  # noqa: B008 - frozen
+    reading: Reading = Reading(),  # noqa: B008 - frozen
+) -> None:
+    """Turn, light, cut and classify a volume in a browser, until Ctrl-C.
+
+    The page is on this machine alone (127.0.0.1), and its address, which is printed, has a token in it that is new each
+    time, or what the environment variable WVR_VIEW_TOKEN says.
+
+    Parameters
+    ----------
+    sources
+        File, folder of slices, or name of a dataset; several are a series in time.
+    port
+        Of the page; 0 is a free one.
+    open_browser
+        Whether to open the page in a browser.
+    """
+    import wvr
+
+    if not sources:
+        raise ValueError("give a file, a folder of slices or the name of a dataset")
+    if look.size != Look.size:
+        raise ValueError(f"--size is for images, a page has its own, got {look.size!r}")
+    keywords = look.keywords()
+    with Stages() as stage:
+        volumes = [reading.load(source, look.nan, stage) for source in sources]
+        keywords, _ = look.of(volumes[0], keywords)
+        del keywords["size"]
+        token = os.environ.get("WVR_VIEW_TOKEN") or None
+        viewer = wvr.view(volumes, port=port, open_browser=False, token=token, **keywords)
+    with viewer:
+        print(viewer.address, flush=True)
+        print("wvr: Ctrl-C ends it", file=sys.stderr)
+        if open_browser:
+            import webbrowser
+
+            webbrowser.open(viewer.address)
+        viewer.wait(forever=True)

@@ -1,0 +1,52 @@
+"""Cameras that a panel asks for: of views by name, reset, and of another projection."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..camera import Camera
+from ..cuts.labels import Segmentation
+from ..field.base import Field
+from ..framing import framed, visible_points
+from ..validation import choice
+from ..views import NAMES, View, named_view
+from . import trackball
+from .state import Scene
+
+
+def viewed(name: str, volume: Field, scene: Scene, labels: Segmentation | None) -> Camera:
+    """A view by name with all that is visible in the frame; ``"reset"`` is from where the camera is."""
+    choice(name, "name", ("reset", *NAMES))
+    camera = scene.camera
+    _, up, forward = camera.basis()
+    view = View(-forward, up) if name == "reset" else named_view(name, volume)
+    shown = scene.transfer_function if labels is None else labels.for_volume(volume)
+    found = visible_points(volume, shown, scene.clips)
+    aspect = scene.size[0] / scene.size[1]
+    return framed(found, *view, view_angle=camera.view_angle, aspect=aspect, parallel=camera.parallel)
+
+
+def zoomed(camera: Camera, notches: float) -> Camera:
+    """Nearer by so many notches of a wheel."""
+    return trackball.zoom(camera, 2 * notches)
+
+
+def focused(camera: Camera, target: Sequence[float]) -> Camera:
+    """Turning around a point, which comes to the middle."""
+    return trackball.focus(camera, np.array(target))
+
+
+def projected(camera: Camera, parallel: bool) -> Camera:
+    """Orthographic or not; what is at the target keeps its size."""
+    if parallel == camera.parallel:
+        return camera
+    distance = float(np.linalg.norm(camera.position - camera.target))
+    position, target, up, angle = camera.position, camera.target, camera.up, camera.view_angle
+    if parallel:
+        return Camera(position, target, up, angle, distance * camera.half_height)
+    scale = camera.parallel_scale
+    assert scale is not None
+    away = scale / float(np.tan(np.radians(angle) / 2))
+    return Camera(target + (position - target) / distance * away, target, up, angle)

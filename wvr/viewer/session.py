@@ -1,0 +1,270 @@
+"""One client of a viewer: messages in, pictures and messages out, and the state between.
+
+Messages are dictionaries with a ``type``; those of pointer, wheel, keys and size are rendercanvas's events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from ..camera import Camera, image_size
+from ..transfer_function import TransferFunction
+from . import cameras, edits
+from .clips import DEFAULTS, Settings, clips_of, updated
+from .describe import camera_json, source_json, state_json
+from .loop import Loop
+from .painter import Painter, Picture
+from .pick import pick
+from .pointer import ARROWS, Pointer, arrow, wheel
+from .points import History
+from .script import script
+from .state import MOST_PIXELS, UNSEEN, Scene, Source, State
+
+Message = dict[str, Any]
+# What a client is sent: a message, and the picture that it is of.
+Send = Callable[[Message, Picture | None], None]
+
+
+class Session:
+    """A view of a source, which one client drives. It is painted from its first ``resize`` on.
+
+    Parameters
+    ----------
+    source
+        What there is to see.
+    send
+        Called with a message and, of type ``"picture"``, the picture; from any thread, and must not wait.
+    """
+
+    def __init__(self, source: Source, send: Send):
+        self.source = source
+        self._send = send
+        self._pointer = Pointer()
+        self._logical = (1, 1)
+        self._clips = DEFAULTS
+        self._history = History()
+        self._painter = Painter(source)
+        self._loop: Loop[State, Any, Picture] = Loop(State(source.first), self._painter, self._show)
+
+    @property
+    def state(self) -> State:
+        """The newest."""
+        return self._loop.state
+
+    def settle(self, timeout: float | None = None) -> bool:
+        """Wait until the newest state is painted to the end; whether it is."""
+        return self._loop.settle(timeout)
+
+    def close(self) -> None:
+        """End it; nothing is running any more when this returns."""
+        self._loop.close()
+
+    def greet(self) -> None:
+        """Send what a client needs to know at first."""
+        self._send(source_json(self.source), None)
+        self._tell()
+
+    def receive(self, message: Message) -> None:
+        """Do what a message says; one that is wrong is answered by an error, and changes nothing."""
+        try:
+            kind = message.get("type") or message.get("event_type")
+            handle = getattr(self, f"_on_{kind}", None) if isinstance(kind, str) else None
+            if handle is not None:
+                handle(message)
+        except (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, OSError) as error:
+            text = f"lacks {error}" if isinstance(error, KeyError) else str(error)
+            self._send({"type": "error", "message": text}, None)
+
+    # What changes, and who is told.
+
+    def _show(self, number: int, picture: Picture | Exception) -> None:
+        if isinstance(picture, Exception):
+            text = str(picture) or type(picture).__name__
+            self._send({"type": "error", "message": text, "number": number}, None)
+            return
+        image, scene = picture.image, picture.state.scene
+        bounded = image.error_bound is not None
+        header = {
+            "type": "picture",
+            "number": number,
+            "status": picture.status,
+            "whole": picture.whole,
+            "met": picture.met,
+            "bound": image.max_error if bounded else None,
+            "pixels": image.size,
+            "size": scene.size,
+            "camera": camera_json(scene.camera),
+        }
+        self._send(header, picture)
+
+    def _tell(self) -> None:
+        self._send(state_json(self.source, self.state, self._clips, self._history), None)
+
+    def _change(self, **fields: Any) -> None:
+        """Of the scene."""
+        self._loop.change(lambda state: replace(state, scene=replace(state.scene, **fields)))
+
+    def _move(self, move: Callable[[Camera], Camera]) -> None:
+        """The camera that is the newest, elsewhere."""
+
+        def update(state: State) -> State:
+            camera = move(state.scene.camera)
+            return state if camera is state.scene.camera else replace(state, scene=replace(state.scene, camera=camera))
+
+        self._loop.change(update)
+
+    @property
+    def _scene(self) -> Scene:
+        return self.state.scene
+
+    # Pointer, wheel, keys, size: events of rendercanvas.
+
+    def _on_resize(self, message: Message) -> None:
+        self._logical = width, height = max(int(message["width"]), 1), max(int(message["height"]), 1)
+        ratio = min(max(float(message.get("pixel_ratio", 1.0)), 0.1), (MOST_PIXELS / (width * height)) ** 0.5)
+        size = image_size((max(round(width * ratio), 1), max(round(height * ratio), 1)))
+        first = self._scene.size == UNSEEN
+        self._change(size=size)
+        if first and self.source.framed:
+            self._on_view({"name": "reset"})
+
+    def _on_pointer_down(self, message: Message) -> None:
+        self._pointer.press(message)
+
+    def _on_pointer_up(self, message: Message) -> None:
+        self._pointer.release()
+
+    def _on_pointer_move(self, message: Message) -> None:
+        if self._pointer.down:
+            self._move(lambda camera: self._pointer.move(camera, message, self._logical))
+            return
+        x, y = self._pixel(message)
+        found = pick(self.source.loaded(self._scene.frame), self._scene, x, y)
+        self._send({"type": "picked"} | ({} if found is None else found._asdict()), None)
+
+    def _on_wheel(self, message: Message) -> None:
+        self._move(lambda camera: wheel(camera, message))
+
+    def _on_key_down(self, message: Message) -> None:
+        key = message["key"]
+        modifiers = set(message.get("modifiers", ()))
+        if key in ARROWS:
+            self._move(lambda camera: arrow(camera, key, "Shift" in modifiers, self._logical))
+        elif key in ("+", "=", "-"):
+            self._move(lambda camera: cameras.zoomed(camera, -1 if key == "-" else 1))
+        elif key in ("r", "v"):
+            self._on_view({"name": "reset" if key == "r" else "iso"})
+        elif key in ("w", "s"):
+            self._on_marks({"outline": key == "w"})
+        elif key == "b":
+            self._on_marks({"bound": not self.state.bound})
+        elif key == "f":
+            self._on_focus(message)
+        elif key == "C":
+            self._on_camera(message)
+
+    def _pixel(self, message: Message) -> tuple[float, float]:
+        """Where an event is in the picture."""
+        size = self._scene.size
+        x, y = (float(message[axis]) * size[i] / self._logical[i] - 0.5 for i, axis in enumerate("xy"))
+        return x, y
+
+    # What the panel says.
+
+    def _on_view(self, message: Message) -> None:
+        scene = self._scene
+        volume, labels = self.source.volume(scene.frame), self.source.call.segmentation
+        camera = cameras.viewed(message["name"], volume, scene, labels)
+        self._change(camera=camera)
+        self._tell()
+
+    def _on_focus(self, message: Message) -> None:
+        """Turn around what is at a place of the picture, in the middle where there is none."""
+        x, y = self._pixel(message) if "x" in message else (n / 2 for n in self._scene.size)
+        found = pick(self.source.loaded(self._scene.frame), self._scene, x, y)
+        if found is not None:
+            self._move(lambda camera: cameras.focused(camera, found.position))
+
+    def _on_parallel(self, message: Message) -> None:
+        self._move(lambda camera: cameras.projected(camera, bool(message["on"])))
+        self._tell()
+
+    def _on_edit(self, message: Message) -> None:
+        tf = self._scene.transfer_function
+        if tf is None:
+            raise ValueError("transfer functions of labels are not edited here")
+        edited = edits.edited(tf, message, self._history, self.source)
+        self._change(transfer_function=edited)
+        self._tell()
+
+    def _on_clip(self, message: Message) -> None:
+        self._cut(updated(self._clips, message["kind"], message["set"]))
+
+    def _on_facing(self, message: Message) -> None:
+        """The plane faces the camera: what is nearer than its middle is cut away."""
+        forward = self._scene.camera.basis()[2]
+        self._cut(updated(self._clips, "plane", {"on": True, "normal": forward.tolist()}))
+
+    def _cut(self, settings: Settings) -> None:
+        clips = clips_of(settings, self.source.first_volume.corners)
+        self._clips = settings
+        self._change(clips=(*self.source.clips, *clips))
+        self._tell()
+
+    def _on_light(self, message: Message) -> None:
+        fields: Message = {}
+        for name in ("lighting", "shadows"):
+            if name in message:
+                fields[name] = (getattr(self.source.first, name) or True) if message[name] else False
+        if "lamp" in message:
+            lamp = message["lamp"]
+            fields["lamp"] = None if lamp is None else (float(lamp[0]), float(lamp[1]))
+        self._change(**fields)
+        self._tell()
+
+    def _on_frame(self, message: Message) -> None:
+        frame = int(message["index"])
+        if not 0 <= frame < len(self.source.given_volumes):
+            raise IndexError(f"frame must be from 0 to {len(self.source.given_volumes) - 1}, got {frame}")
+        self._change(frame=frame)
+        self._tell()
+
+    def _on_marks(self, message: Message) -> None:
+        self._loop.change(
+            lambda state: replace(
+                state,
+                bound=bool(message.get("bound", state.bound)),
+                outline=bool(message.get("outline", state.outline)),
+            )
+        )
+        self._tell()
+
+    # What is asked for.
+
+    def _on_camera(self, message: Message) -> None:
+        self._send({"type": "text", "title": "Camera", "text": f"wvr.{self._scene.camera!r}"}, None)
+
+    def _on_script(self, message: Message) -> None:
+        text = script(self.source, self._scene, self._painter.tolerance)
+        self._send({"type": "text", "title": "Python", "text": text}, None)
+
+    def _on_restore(self, message: Message) -> None:
+        """All that a client had before its connection was lost, as it was last told."""
+        known = message["state"]
+        camera = Camera(**known["camera"])
+        fields: Message = {
+            "camera": camera,
+            "frame": min(max(int(known["frame"]), 0), len(self.source.given_volumes) - 1),
+        }
+        if known["function"] is not None and self._scene.transfer_function is not None:
+            fields["transfer_function"] = TransferFunction.from_json(known["function"])
+        settings = self._clips
+        for kind, changes in known["clips"].items():
+            settings = updated(settings, kind, changes)
+        self._cut(settings)
+        self._change(**fields)
+        light = {name: known[name] for name in ("lighting", "shadows", *(("lamp",) if known["placed"] else ()))}
+        self._on_light(light)
+        self._on_marks(known)
