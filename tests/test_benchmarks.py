@@ -1,9 +1,11 @@
 """The benchmarks measure what they say, in turns, and write it whole; how long anything takes is not tested."""
 
 import json
+from io import BytesIO
 
 import numpy as np
 import pytest
+from PIL import Image as PillowImage
 
 import wvr
 from benchmarks import __main__ as command
@@ -181,3 +183,18 @@ def test_the_truth_is_kept(tmp_path, monkeypatch):
     ] == pytest.approx(0, abs=1e-14)
     monkeypatch.setattr(scenes, "_integrate", None)
     assert np.array_equal(scenes.truth(scene, 20, tmp_path).rgba, first.rgba)
+
+
+def test_large_pictures_are_smaller_and_look_the_same():
+    smooth = np.linspace(0, 255, 700)
+    pixels = np.stack(np.broadcast_arrays(smooth[:, None], smooth[None], (smooth[:, None] + smooth) / 2), -1)
+    pixels = (pixels + np.random.default_rng(1).normal(0, 4, pixels.shape)).clip(0, 255).astype(np.uint8)
+    png = BytesIO()
+    PillowImage.fromarray(pixels).save(png, "PNG")
+    few = harness.smaller(png.getvalue())
+    shown = np.asarray(PillowImage.open(BytesIO(few)).convert("RGB")).astype(float)
+    assert len(few) < 0.4 * len(png.getvalue())
+    # Dithered: over a few pixels colours are what they were.
+    blocks = lambda a: a.reshape(100, 7, 100, 7, 3).mean((1, 3))  # noqa: E731
+    assert np.abs(blocks(shown) - blocks(pixels.astype(float))).mean() < 2
+    assert harness.smaller(few[:1000]) == few[:1000]

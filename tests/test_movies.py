@@ -85,7 +85,7 @@ def test_without_ffmpeg_it_is_said_before_anything_is_rendered(volume, tmp_path,
     import sys
 
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(ImportError, match=r"pip install .wvr\[movies\]"):
+    with pytest.raises(ImportError, match=r"pip install imageio-ffmpeg"):
         wvr.orbit(volume, output=tmp_path / "a.mp4", frames=1, **FAST)
 
 

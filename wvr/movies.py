@@ -259,7 +259,7 @@ def save_movie(
         of white. They may also be uint8 arrays (height, width, 3).
     path
         ``.mp4``, H.264 in 8-bit sRGB with an edge repeated where width or height is odd, which needs the package
-        imageio-ffmpeg (``pip install "wvr[movies]"``); ``.gif``; or a name without extension, or ending in ``/``: a
+        imageio-ffmpeg; ``.gif``; or a name without extension, or ending in ``/``: a
         folder that must not exist or be empty, of files 0000.png, 0001.png, ...
     fps
         Images a second, > 0. A GIF counts in hundredths of a second.
@@ -331,7 +331,7 @@ def _ffmpeg() -> Any:
         import imageio_ffmpeg
     except ImportError:
         raise ImportError(
-            'an .mp4 needs the package imageio-ffmpeg: pip install "wvr[movies]"; .gif and folders need nothing'
+            "an .mp4 needs the package imageio-ffmpeg: pip install imageio-ffmpeg; a .gif, or a folder, needs nothing"
         ) from None
     return imageio_ffmpeg
 

@@ -278,6 +278,8 @@ def render(
     cancel
         A ``threading.Event``. Once another thread sets it, rays under way are finished, on CUDA all that was launched,
         and the render ends with :class:`Cancelled`; nothing is left running. By default nothing cancels it.
+    **unknown
+        Keywords of other libraries, such as ``cmap``: an error, which says what to write here.
 
     Returns
     -------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +18,7 @@ def orbit(
     source: str,
     /,
     *,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("orbit.mp4"),
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     frames: Annotated[int, Parameter(validator=Number(gte=1))] = 120,
     fps: float = 30.0,
     elevation: float = 20.0,
@@ -32,7 +33,8 @@ def orbit(
     source
         File, folder of slices, or name of a dataset.
     output
-        .mp4 (needs the package imageio-ffmpeg), .gif, or a new folder of PNG files.
+        .mp4 (needs the package imageio-ffmpeg), .gif, or a new folder of PNG files. By default orbit.mp4, or orbit.gif
+        without that package.
     frames
         How many images.
     fps
@@ -45,6 +47,8 @@ def orbit(
     import wvr
 
     keywords = look.keywords()
+    if output is None:
+        output = Path("orbit.mp4" if find_spec("imageio_ffmpeg") else "orbit.gif")
     with Stages() as stage:
         volume = reading.load(source, look.nan, stage)
         keywords, _ = look.of(volume, keywords)
