@@ -37,6 +37,10 @@ wall, cpu = time.perf_counter(), time.process_time()
 {work}
 print(json.dumps([time.perf_counter() - wall, time.process_time() - cpu]))
 """
+ONE_LINE = """\
+import wvr
+wvr.render("volume.npy", device="cpu")
+"""
 FIRST_IMAGE = """\
 import numpy as np, wvr
 volume = wvr.Volume(np.load("volume.npy"))
@@ -54,6 +58,8 @@ def measure(settings: Settings) -> Result:
         np.save(folder / "volume.npy", scene.volume.numpy())
         scene.transfer_function.save(folder / "tf.json")
         contenders = {module: _process(module, folder) for module in ("import warp", BASELINE)}
+        contenders[f"one line, {EMPTY}"] = _process(ONE_LINE, folder, empty=True)
+        contenders["one line, warm cache"] = _process(ONE_LINE, folder)
         for integrator in INTEGRATORS:
             work = FIRST_IMAGE.format(size=scene.size, integrator=integrator)
             first = f"first image, {integrator_name(integrator)}"
@@ -64,6 +70,7 @@ def measure(settings: Settings) -> Result:
         rows = summarize("new process", interleave(contenders, settings.rounds, every), BASELINE)
     notes = [
         "Each run is a new process, timed from its first statement on, without the start of Python itself.",
+        "One line: wvr.render of a file, certified, lit, 512 x 512 pixels.",
         f"First image: import wvr, load the volume of scene {scene.name}, render. With an empty cache the kernel is "
         "compiled, with a warm one loaded.",
     ]

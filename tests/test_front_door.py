@@ -2,7 +2,9 @@
 
 import inspect
 import io
+import re
 import threading
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -84,12 +86,8 @@ def test_keywords_of_other_libraries_say_what_to_write(grid, keyword):
     with pytest.raises(TypeError, match=f"^render has no keyword '{keyword}'; .{{12,}}"):
         wvr.render(grid, **{keyword: None})
     assert keyword not in inspect.signature(wvr.render).parameters
-    said = ELSEWHERE[keyword]
-    names = [name.split("(")[0].rstrip(",:") for name in said.split() if name.startswith("wvr.")]
-    for name in names:
-        found = wvr
-        for part in name.split(".")[1:]:
-            found = getattr(found, part)
+    for name in re.findall(r"wvr\.([\w.]+\w)", ELSEWHERE[keyword].replace("data.wvr", "data")):
+        attrgetter(name)(wvr)
 
 
 @pytest.mark.parametrize(
