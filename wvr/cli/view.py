@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import webbrowser
 from contextlib import suppress
 from typing import Annotated
 
@@ -55,5 +54,7 @@ def view(
         print(viewer.address, flush=True)
         print("wvr: Ctrl-C ends it", file=sys.stderr)
         if open_browser:
+            import webbrowser
+
             webbrowser.open(viewer.address)
         viewer.wait(forever=True)
