@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -48,7 +49,8 @@ def view(
         del keywords["size"]
         token = os.environ.get("WVR_VIEW_TOKEN") or None
         viewer = wvr.view(volumes, port=port, open_browser=False, token=token, **keywords)
-    with viewer:
+    # Ctrl-C is how it ends, whenever it comes.
+    with viewer, suppress(KeyboardInterrupt):
         print(viewer.address, flush=True)
         print("wvr: Ctrl-C ends it", file=sys.stderr)
         if open_browser:

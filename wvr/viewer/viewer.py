@@ -7,16 +7,16 @@ import re
 import secrets
 import sys
 import time
-import webbrowser
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..defaults import Call
 from ..field.base import Field
-from .state import Source
+from ..keywords import refuse
 
 if TYPE_CHECKING:
     from .server import Server
+    from .state import Source
 
 HOST = "127.0.0.1"
 # Of a renderer, what a viewer takes besides how it looks.
@@ -86,6 +86,8 @@ def view(
         return Widget(source)
     viewer = Viewer(source, port, token)
     if open_browser:
+        import webbrowser
+
         print(f"wvr: {source.title} at {viewer.address}", file=sys.stderr)
         webbrowser.open(viewer.address)
         if not (hasattr(sys, "ps1") or sys.flags.interactive or _shell() is not None):
@@ -160,9 +162,10 @@ class Viewer:
 
 def source_of(data: Any, transfer_function: Any, options: dict[str, Any]) -> Source:
     """What a call of :func:`view` is to show."""
-    unknown = sorted(options.keys() - {*OPTIONS, *LOOK})
-    if unknown:
-        raise TypeError(f"view has no keyword {unknown[0]!r}; it has {', '.join((*LOOK, *OPTIONS))}")
+    from .state import Source
+
+    known = (*LOOK, *OPTIONS)
+    refuse("view", {name: options[name] for name in options if name not in known}, known)
     call = Call(transfer_function, **{name: options[name] for name in LOOK if name in options})
     frames = list(data) if _are_frames(data) else [data]
     return Source(frames, call, {name: options[name] for name in OPTIONS if name in options})
