@@ -59,14 +59,23 @@ def test_roettger2003(results):
     buffers = {row["method"]: row["mean"] for row in rows_of(folder / "figure7", "figure7")}
     each, four, floats, adaptive = buffers.values()
     assert each > four > 10 * floats and four > 10 * adaptive
-    rows = rows_of(folder / "speed", "speed")
-    assert rows[2]["paper s"] == "2.2" and rows[0]["adaptive M samples"] < rows[0]["4x slicing M samples"]
+    rows = {row["scene"]: row for row in rows_of(folder / "speed", "speed")}
+    assert rows["NegHIP, semi-transparent"]["paper s"] == "2.2" and rows.keys() == roettger2003.SCENES.keys()
+    for row in rows.values():
+        assert row["adaptive M samples"] < row["4x, leaping M samples"] < row["4x slices M samples"]
+    # Passes of several slabs draw what passes of one do, and light only darkens.
+    scene = roettger2003.replace(roettger2003.make_scene("NegHIP, opaque", True), size=(12, 12))
+    unlit, lit = (roettger2003.Passes(scene, light) for light in (False, True))
+    one, four = (unlit.draw(scene.camera, 0.5, slabs)[0] for slabs in (1, 4))
+    np.testing.assert_allclose(one, four, rtol=0, atol=1e-5)
+    assert wvr.compare(one, scene.render(wvr.Exact())).mean < 0.02
+    assert np.all(lit.draw(scene.camera, 0.5, 4)[0][..., :3] <= four[..., :3] + 0.02)
 
 
 def test_clipping(results):
     folder = results("clipping")
     assert {path.name for path in folder.glob("*/*.png")} == {
-        f"{n}.png" for n in ("figure2", "figure3", "figure8", "labels")
+        f"{n}.png" for n in ("figure2", "figure3", "passes", "figure8", "labels")
     }
     rows = rows_of(folder / "figure3", "figure3")
     mean = {(row.get("slices"), row["method"]): row["mean"] for row in rows}
