@@ -91,6 +91,8 @@ def path_of(value: Any, name: str = "path") -> Path:
         path = Path(os.fsdecode(value))
     except TypeError:
         raise TypeError(f"{name} must be a path (str or os.PathLike), got {value!r}") from None
+    if not os.fspath(value):
+        raise ValueError(f"{name} must not be empty")
     if "\0" in str(path):
         raise ValueError(f"{name} must not have a null character in it, got {value!r}")
     return path
