@@ -31,7 +31,7 @@ WORDS = (
 )  # fmt: skip
 # Options of reading, which come with some cases.
 OPTIONS: tuple[dict[str, Any], ...] = (
-    {}, {}, {}, {"frame": 0}, {"frame": 1}, {"frame": 2**40}, {"scalars": "a"}, {"scalars": "values"}, {"nan": "error"},
+    {}, {}, {}, {}, {}, {}, {"frame": 0}, {"frame": 1}, {"frame": 2**40}, {"scalars": "a"}, {"scalars": "values"}, {"nan": "error"},
 )  # fmt: skip
 # glibc's mallopt for the byte that memory holds before anybody writes into it.
 PERTURB = -6
@@ -113,7 +113,7 @@ def damage(path: Path, other: bytes, rng: np.random.Generator) -> bytes:
 def mutated(content: bytes, other: bytes, rng: np.random.Generator) -> bytes:
     """Damage in one to a few places, near the start more often than elsewhere, as headers are there."""
     data = bytearray(content)
-    for _ in range(1 + rng.geometric(0.5)):
+    for _ in range(rng.geometric(0.6)):
         at = int(len(data) * rng.random() ** rng.choice([1, 3]))
         kind = rng.integers(12)
         length = int(rng.integers(1, 9))
