@@ -31,7 +31,8 @@ WORDS = (
 )  # fmt: skip
 # Options of reading, which come with some cases.
 OPTIONS: tuple[dict[str, Any], ...] = (
-    {}, {}, {}, {}, {}, {}, {"frame": 0}, {"frame": 1}, {"frame": 2**40}, {"scalars": "a"}, {"scalars": "values"}, {"nan": "error"},
+    {}, {}, {}, {}, {}, {}, {"frame": 0}, {"frame": 1}, {"frame": 2**40}, {"scalars": "a"},
+    {"scalars": "values"}, {"nan": "error"},
 )  # fmt: skip
 # glibc's mallopt for the byte that memory holds before anybody writes into it.
 PERTURB = -6
