@@ -212,6 +212,7 @@ class Arguments:
     def __init__(self, folder: Path):
         self.bases = bases(folder)
         self.names = sorted(self.bases)
+        self.subject = ""
 
     def run(self, rng: np.random.Generator) -> str:
         """Call one with one or two odd arguments; what comes of it has to be of use."""
@@ -223,6 +224,7 @@ class Arguments:
             return ""
         odd = [str(p) for p in rng.choice(possible, min(len(possible), int(rng.geometric(0.8))), replace=False)]
         weird = WEIRD + _made()
+        self.subject = f"{name}, accepted"
         for parameter in odd:
             nearly = parameter in right and rng.random() < 0.5
             given[parameter] = bent(right[parameter], rng) if nearly else weird[rng.integers(len(weird))]
@@ -232,9 +234,11 @@ class Arguments:
             made = next(made) if inspect.isgenerator(made) else made
             return self._used(name, made, odd)
         except CLEAR as error:
+            self.subject = f"{name}, refused"
             what = {one: given[one] for one in odd}
             return "" if _names(str(error), what) else f"unclear: {name}({what}): {type(error).__name__}: {error}"
         except OF_THE_SYSTEM as error:
+            self.subject = f"{name}, refused"
             return "" if str(error) else f"unclear: {name} raises an empty {type(error).__name__}"
         finally:
             wvr.set_num_threads(before)

@@ -90,5 +90,5 @@ def test_it_goes_on_where_it_ended(tmp_path, monkeypatch, capsys):
     once = len(numbers)
     assert program.main() == 1
     assert numbers == [("files", number) for number in range(len(numbers))] and len(numbers) > once
-    assert json.loads((tmp_path / "state.json").read_text())["found"] == [["files", 1, "wrong", "wrong: it is"]]
+    assert json.loads((tmp_path / "state.json").read_text())["found"] == [["files", 1, "wrong", "wrong: it is", ""]]
     assert "files 1: wrong: it is" in capsys.readouterr().out

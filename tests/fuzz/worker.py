@@ -72,7 +72,7 @@ def main() -> None:
             words = [line for line in printed.read(2000).splitlines() if not any(known in line for known in KNOWN)]
             if words and not found:
                 found = f"unclear: printed {words[0]!r}"
-            print(json.dumps([int(line), found]), file=answers, flush=True)
+            print(json.dumps([int(line), found, getattr(target, "subject", "")]), file=answers, flush=True)
 
 
 if __name__ == "__main__":
