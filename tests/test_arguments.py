@@ -152,6 +152,8 @@ def test_flags(name, call, value):
         (lambda: wvr.datasets.load("blobs", 8, sed=1), "of 'blobs' are seed, count, got 'sed'; did you mean 'seed'"),
         (lambda: wvr.datasets.load("spheres", 8, seed=1), "options are none of 'spheres', got 'seed'"),
         (lambda: wvr.datasets.fetch("skull", cache=5), "cache must be a path"),
+        (lambda: wvr.save_movie([np.zeros((4, 4, 3), np.uint8)], "a.gif", 1e-30), "fps must be from"),
+        (lambda: wvr.orbit(VOLUME, TF, 2, "a.gif", fps=1e9), "fps must be from"),
         (lambda: wvr.warm_up(dtype="int64", device="cpu"), "dtype must be one or several of"),
         (lambda: wvr.warm_up(shadows=[], device="cpu"), "shadows must be True, False or"),
     ],

@@ -21,6 +21,7 @@ ARRAY = (np.arange(64, dtype=np.uint8) * 4).reshape(4, 4, 4)
 # Names by which messages speak of a part of an argument.
 PARTS: dict[str, tuple[str, ...]] = {
     "data": ("array",),
+    "camera": ("position", "target", "up"),
     "colors": ("file",),  # errors of what is iterated are its own
     "images": ("file",),
     "labels": ("array",),
@@ -29,7 +30,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "position": ("up",),
     "scalars": ("rgb", "opacity"),
     "target": ("up",),
-    "transfer_function": ("colormap",),
+    "transfer_function": ("colormap", "scalars", "opacity"),
     "values": ("scalars", "colors", "width"),
     "volume": ("array", "data"),
 }
