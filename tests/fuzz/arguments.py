@@ -20,7 +20,7 @@ ARRAY = (np.arange(64, dtype=np.uint8) * 4).reshape(4, 4, 4)
 
 # Names by which messages speak of a part of an argument.
 PARTS: dict[str, tuple[str, ...]] = {
-    "data": ("array",),
+    "data": ("array", "samples", "file"),
     "camera": ("position", "target", "up"),
     "colors": ("file",),  # errors of what is iterated are its own
     "images": ("file",),
