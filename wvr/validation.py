@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-
 # The largest integer that machines count in.
 LARGEST = 2**63 - 1
 
