@@ -132,6 +132,7 @@ def test_flags(name, call, value):
         (lambda: wvr.TransferFunction.isosurfaces([[1], 4]), "values must be numbers"),
         (lambda: wvr.TransferFunction.isosurfaces([1, 4], colors=np.array(0.5)), "colors must be"),
         (lambda: wvr.TransferFunction.isosurfaces([1, 4], width=1e-300), "width must be more than rounding"),
+        (lambda: wvr.TransferFunction.isosurfaces([1, 4], opacity=[[1, 2], [3]]), "opacity must be numbers"),
         (lambda: TF.color([[1], 2]), "s must be numbers"),
         (lambda: TF.extinction(object()), "s must be numbers"),
         (lambda: CAMERA.project("x", (4, 4)), "points must be numbers"),

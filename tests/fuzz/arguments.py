@@ -134,6 +134,11 @@ def bases(folder: Path = Path()) -> dict[str, tuple[Any, dict[str, Any]]]:
     given: dict[str, dict[str, Any]] = {
         "AdaptivePreintegrated": {"tolerance": 1e-3},
         "AdaptiveSimpson": {"tolerance": 1e-3},
+        "BoundedImage": {
+            "rgba": np.zeros((4, 4, 4), np.float32),
+            "samples": np.zeros((4, 4), np.int32),
+            "error_bound": np.zeros((4, 4), np.float32),
+        },
         "Camera": {"position": (9.0, 9.0, 9.0), "target": (1.0, 1.0, 1.0)},
         "Camera.fit": {"volume": volume},
         "Camera.from_pyvista": {"camera": camera.to_pyvista()},
@@ -249,7 +254,8 @@ class Arguments:
         _, right = self.bases["render"]
         scene = dict(right)
         if isinstance(made, wvr.Image):
-            return "" if name == "Image" or np.isfinite(made.rgba).all() else f"wrong: an image by {name} is not finite"
+            given = name in ("Image", "BoundedImage")
+            return "" if given or np.isfinite(made.rgba).all() else f"wrong: an image by {name} is not finite"
         if isinstance(made, wvr.Volume):
             if made.numpy().size > 10**5:
                 return ""

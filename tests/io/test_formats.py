@@ -370,3 +370,11 @@ def test_nifti_forms_that_are_no_place(tmp_path):
     (tmp_path / "a.nii").write_bytes(content)
     with pytest.raises(OSError, match=r"a\.nii .*its sform is .*which is no place in the world"):
         read(tmp_path / "a.nii")
+
+
+def test_dicom_positions_are_three_numbers(tmp_path):
+    for place in ([1, 2, 3, 4, 5, 6], [1, 2]):
+        dicom(tmp_path / "a.dcm", FIELD[0], (1, 2, 3))
+        edited(tmp_path / "a.dcm", ImagePositionPatient=place)
+        with pytest.raises(OSError, match=r"a\.dcm .*its position must be three numbers"):
+            read(tmp_path / "a.dcm")
