@@ -64,7 +64,6 @@ def test_damaged_kernels_are_compiled_anew(script, tmp_path):
     whole = binary.read_bytes()
     damages = {
         "zeros": lambda: binary.write_bytes(whole[:100] + bytes(len(whole) - 100)),
-        "unsealed": lambda: (binary.write_bytes(b""), compiled(tmp_path, "seal.json").unlink()),
         "no records": lambda: (
             compiled(tmp_path, ".meta").write_bytes(b"\xff{"),
             compiled(tmp_path, "seal.json").write_bytes(b"[\xfe"),

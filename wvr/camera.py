@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     import pyvista as pv
 
 
+# Pixels along a side of an image that can be counted.
+WIDEST = 2**31 - 1
+
+
 @dataclass(frozen=True, init=False, eq=False)
 class Camera:
     """A perspective camera or, with ``parallel_scale``, an orthographic one.
@@ -295,6 +299,8 @@ def image_size(size: Any) -> tuple[int, int]:
         raise ValueError(f"size must be two integers (width, height), such as (512, 512), got {size!r}") from None
     if width < 1 or height < 1:
         raise ValueError(f"size must be (width, height), each >= 1, got {size!r}")
+    if max(width, height) > WIDEST:
+        raise ValueError(f"size must be (width, height), each at most {WIDEST}, got {size!r}")
     return width, height
 
 

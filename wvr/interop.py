@@ -35,10 +35,11 @@ def from_pyvista(image_data: pv.ImageData, scalars: str | None = None, nan: NanP
         For an unknown name, no array or several with none active, more than one component.
     """
     import pyvista as pv
+    from vtkmodules.vtkCommonDataModel import vtkDataObject
 
     if not isinstance(scalars, str | None):
         raise TypeError(f"scalars must be the name of an array or None, got {scalars!r}")
-    image = pv.wrap(image_data) if hasattr(image_data, "IsA") else None
+    image = pv.wrap(image_data) if isinstance(image_data, vtkDataObject) else None
     if not isinstance(image, pv.ImageData):
         raise TypeError(f"image_data must be a pyvista.ImageData, got {type(image_data).__name__}; {RESAMPLE}")
     values, on_cells = _pick_array(image, scalars)

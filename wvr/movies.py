@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from .keywords import OrbitOptions, SeriesOptions
 
 SUFFIXES = (".mp4", ".gif")
+# Images a second.
+SLOWEST, FASTEST = 1 / 600, 1000.0
 # What of a call of render says how it looks; a Renderer takes the rest.
 LOOK = ("opacity", "clim", "lighting", "shadows", "background", "segmentation")
 
@@ -103,7 +105,7 @@ def orbit(
     elevation, turn = within(elevation, "elevation", 90.0), within(turn, "turn", np.inf)
     if output is not None:
         _kind(output, "output")
-        positive(fps, "fps")
+        _check_fps(fps)
     size = image_size(size)
     volume = as_volume(data)
     if "camera" in options:
@@ -191,7 +193,7 @@ def time_series(
     """
     if output is not None:
         _kind(output, "output")
-        positive(fps, "fps")
+        _check_fps(fps)
     size = image_size(size)
     moments, count = _moments(data)
     try:
@@ -262,7 +264,7 @@ def save_movie(
         imageio-ffmpeg; ``.gif``; or a name without extension, or ending in ``/``: a
         folder that must not exist or be empty, of files 0000.png, 0001.png, ...
     fps
-        Images a second, > 0. A GIF counts in hundredths of a second.
+        Images a second, from 1/600 to 1000. A GIF counts in hundredths of a second.
     count
         How many there will be, for the progress that terminals show; by default what ``len`` says.
 
@@ -284,7 +286,7 @@ def save_movie(
         raise TypeError(f"images must be iterable, a list of images or the like, got {images!r}")
     named, kind = path_of(path), _kind(path, "path")
     target = Path(os.path.realpath(named))
-    positive(fps, "fps")
+    _check_fps(fps)
     if count is None and isinstance(images, Sequence):
         count = len(images)
     pixels = _of_one_size(_progress(images, count))
@@ -308,6 +310,12 @@ def save_movie(
                 made.chmod(stat.S_IMODE(target.stat().st_mode))
             os.replace(made, target)
     return named
+
+
+def _check_fps(fps: Any) -> None:
+    """What all formats can say: a GIF counts hundredths of a second up to 65535."""
+    if not SLOWEST <= positive(fps, "fps") <= FASTEST:
+        raise ValueError(f"fps must be from {SLOWEST:g} to {FASTEST:g}, got {fps!r}")
 
 
 def _kind(given: str | os.PathLike[str], name: str) -> str:

@@ -25,6 +25,7 @@ from .light.shadows import ConvolutionShadows
 from .scene import Precision, Scene
 from .sources import as_volume
 from .transfer_function import TransferFunction
+from .validation import near
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -34,6 +35,11 @@ if TYPE_CHECKING:
 
 # Less than an 8-bit grey level.
 TOLERANCE = 1 / 512
+# What of a Renderer is assigned.
+ATTRIBUTES = (
+    "volume", "transfer_function", "integrator", "tolerance", "lighting", "shadows", "precision", "device",
+    "termination", "background", "skip_empty", "clip", "segmentation",
+)  # fmt: skip
 
 
 class Renderer:
@@ -103,6 +109,22 @@ class Renderer:
         self.segmentation = segmentation
         self._keepers: dict[str, Keeper] = {}
         self._lock = Lock()
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """What is assigned is something that there is; else it would be without effect, and nobody told."""
+        if not name.startswith("_") and name not in ATTRIBUTES:
+            there = f"{', '.join(ATTRIBUTES)}{near(name, ATTRIBUTES)}"
+            raise AttributeError(f"a Renderer has no {name!r} to assign, but {there}")
+        super().__setattr__(name, value)
+
+    @property
+    def tolerance(self) -> float | None:
+        """That of the integrator, if it has one; what is assigned is that of :class:`wvr.Certified`."""
+        return getattr(self.integrator, "tolerance", None)
+
+    @tolerance.setter
+    def tolerance(self, value: float) -> None:
+        self.integrator = of_tolerance(value)
 
     @property
     def builds(self) -> Counter[str]:

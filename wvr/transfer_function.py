@@ -211,7 +211,8 @@ class TransferFunction:
         if n == 0:
             raise ValueError("values must be one or more, got none")
         width = positive(width, "width")
-        heights = finite_array(np.full(n, opacity) if np.ndim(opacity) == 0 else opacity, "opacity", (n,))
+        given = float_array(opacity, "opacity")
+        heights = finite_array(np.full(n, given) if given.ndim == 0 else given, "opacity", (n,))
         order = np.argsort(peaks)
         peaks, heights = peaks[order], heights[order]
         rgb = _spread_colors(n) if colors is None else _color_list(colors, n)[order]

@@ -12,6 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+# The largest integer that machines count in.
+LARGEST = 2**63 - 1
+
 
 def finite_vector(value: ArrayLike, name: str, meaning: str) -> NDArray[np.float64]:
     """``value`` as three finite float64 numbers; ``meaning`` says in the error what they are."""
@@ -72,8 +75,9 @@ def real(value: Any, name: str, what: str = "a number") -> float:
 def integer(value: Any, name: str, least: int, most: int | None = None) -> int:
     """``value`` as an int from ``least`` to ``most``."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not whole or value < least or (most is not None and value > most):
-        accepted = f">= {least}" if most is None else f"from {least} to {most}"
+    if not whole or not least <= value <= (LARGEST if most is None else most):
+        far = whole and value > LARGEST  # beyond what sizes are counted in
+        accepted = f"from {least} to {LARGEST if most is None else most}" if far or most is not None else f">= {least}"
         raise ValueError(f"{name} must be an integer {accepted}, got {value!r}")
     return int(value)
 
@@ -91,6 +95,8 @@ def path_of(value: Any, name: str = "path") -> Path:
         path = Path(os.fsdecode(value))
     except TypeError:
         raise TypeError(f"{name} must be a path (str or os.PathLike), got {value!r}") from None
+    if not os.fspath(value):
+        raise ValueError(f"{name} must not be empty")
     if "\0" in str(path):
         raise ValueError(f"{name} must not have a null character in it, got {value!r}")
     return path

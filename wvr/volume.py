@@ -24,6 +24,7 @@ from .field.samples import Data, samples_struct
 from .keep import Keeper
 from .kernels.field.grid import Grid
 from .launch import get_device
+from .memory import free_host_memory
 from .samples import DTYPES, NanPolicy
 from .validation import choice, finite_vector
 
@@ -361,6 +362,11 @@ def _as_data(array: Any, axes: Axes) -> Any:
         array = array.T if axes == "xyz" else array
         if type(array) is np.ndarray and array.flags.c_contiguous and array.dtype.isnative:
             return array
+        if array.nbytes > (free := free_host_memory()):
+            raise MemoryError(
+                f"array is copied, as it is not C-contiguous in native byte order, which takes "
+                f"{array.nbytes / 2**30:.1f} GiB, of which {free / 2**30:.1f} GiB are free"
+            )
         return np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("="))
     # A Warp array of vectors has no such dtype in NumPy, but one with more axes.
     scalar = getattr(array.dtype, "_wp_scalar_type_", array.dtype)

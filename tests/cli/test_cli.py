@@ -523,6 +523,12 @@ def test_nothing_that_was_read_is_written_to(run):
     code, _, err = run("render", "a.npy", "--labels", "slices", "-o", "link.tif")
     assert code == 2 and "--output must not be the volume itself or its labels" in err
     assert {path: path.read_bytes() for path in Path("slices").iterdir()} == before
+    Path("m.gif").write_bytes(array.tobytes())
+    head = "NRRD0004\ntype: uint16\ndimension: 3\nsizes: 5 3 4\nencoding: raw\nendian: little\ndata file: m.gif\n"
+    Path("m.nhdr").write_text(head)
+    code, _, err = run("orbit", "m.nhdr", "-o", "m.gif")
+    assert code == 2 and "--output must not be the volume itself" in err
+    assert Path("m.gif").read_bytes() == array.tobytes()
 
 
 def test_warnings_are_lines_of_their_own(run):

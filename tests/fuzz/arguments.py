@@ -20,7 +20,8 @@ ARRAY = (np.arange(64, dtype=np.uint8) * 4).reshape(4, 4, 4)
 
 # Names by which messages speak of a part of an argument.
 PARTS: dict[str, tuple[str, ...]] = {
-    "data": ("array",),
+    "data": ("array", "samples", "file"),
+    "camera": ("position", "target", "up"),
     "colors": ("file",),  # errors of what is iterated are its own
     "images": ("file",),
     "labels": ("array",),
@@ -29,7 +30,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "position": ("up",),
     "scalars": ("rgb", "opacity"),
     "target": ("up",),
-    "transfer_function": ("colormap",),
+    "transfer_function": ("colormap", "scalars", "opacity"),
     "values": ("scalars", "colors", "width"),
     "volume": ("array", "data"),
 }
@@ -133,6 +134,11 @@ def bases(folder: Path = Path()) -> dict[str, tuple[Any, dict[str, Any]]]:
     given: dict[str, dict[str, Any]] = {
         "AdaptivePreintegrated": {"tolerance": 1e-3},
         "AdaptiveSimpson": {"tolerance": 1e-3},
+        "BoundedImage": {
+            "rgba": np.zeros((4, 4, 4), np.float32),
+            "samples": np.zeros((4, 4), np.int32),
+            "error_bound": np.zeros((4, 4), np.float32),
+        },
         "Camera": {"position": (9.0, 9.0, 9.0), "target": (1.0, 1.0, 1.0)},
         "Camera.fit": {"volume": volume},
         "Camera.from_pyvista": {"camera": camera.to_pyvista()},
@@ -212,6 +218,7 @@ class Arguments:
     def __init__(self, folder: Path):
         self.bases = bases(folder)
         self.names = sorted(self.bases)
+        self.subject = ""
 
     def run(self, rng: np.random.Generator) -> str:
         """Call one with one or two odd arguments; what comes of it has to be of use."""
@@ -223,6 +230,7 @@ class Arguments:
             return ""
         odd = [str(p) for p in rng.choice(possible, min(len(possible), int(rng.geometric(0.8))), replace=False)]
         weird = WEIRD + _made()
+        self.subject = f"{name}, accepted"
         for parameter in odd:
             nearly = parameter in right and rng.random() < 0.5
             given[parameter] = bent(right[parameter], rng) if nearly else weird[rng.integers(len(weird))]
@@ -232,9 +240,11 @@ class Arguments:
             made = next(made) if inspect.isgenerator(made) else made
             return self._used(name, made, odd)
         except CLEAR as error:
+            self.subject = f"{name}, refused"
             what = {one: given[one] for one in odd}
             return "" if _names(str(error), what) else f"unclear: {name}({what}): {type(error).__name__}: {error}"
         except OF_THE_SYSTEM as error:
+            self.subject = f"{name}, refused"
             return "" if str(error) else f"unclear: {name} raises an empty {type(error).__name__}"
         finally:
             wvr.set_num_threads(before)
@@ -244,7 +254,8 @@ class Arguments:
         _, right = self.bases["render"]
         scene = dict(right)
         if isinstance(made, wvr.Image):
-            return "" if name == "Image" or np.isfinite(made.rgba).all() else f"wrong: an image by {name} is not finite"
+            given = name in ("Image", "BoundedImage")
+            return "" if given or np.isfinite(made.rgba).all() else f"wrong: an image by {name} is not finite"
         if isinstance(made, wvr.Volume):
             if made.numpy().size > 10**5:
                 return ""

@@ -6,7 +6,6 @@ import bz2
 import ctypes
 import gzip
 import io
-import shutil
 import zipfile
 from contextlib import suppress
 from pathlib import Path
@@ -31,7 +30,8 @@ WORDS = (
 )  # fmt: skip
 # Options of reading, which come with some cases.
 OPTIONS: tuple[dict[str, Any], ...] = (
-    {}, {}, {}, {"frame": 0}, {"frame": 1}, {"frame": 2**40}, {"scalars": "a"}, {"scalars": "values"}, {"nan": "error"},
+    {}, {}, {}, {}, {}, {}, {"frame": 0}, {"frame": 1}, {"frame": 2**40}, {"scalars": "a"},
+    {"scalars": "values"}, {"nan": "error"},
 )  # fmt: skip
 # glibc's mallopt for the byte that memory holds before anybody writes into it.
 PERTURB = -6
@@ -39,9 +39,11 @@ PERTURB = -6
 
 class Files:
     def __init__(self, folder: Path):
-        (folder / "seeds").mkdir()
-        self.seeds = seeds.make(folder / "seeds")
-        self.folder = folder
+        self.seeds = seeds.make(folder)
+        # The files of each, and what is in them.
+        self.inside = {seed: sorted(seed.iterdir()) if seed.is_dir() else [seed] for seed in self.seeds}
+        self.sound = {file: file.read_bytes() for files in self.inside.values() for file in files}
+        self.subject = ""
         try:
             self.mallopt: Any = ctypes.CDLL(None).mallopt
         except (OSError, AttributeError):
@@ -50,24 +52,24 @@ class Files:
     def run(self, rng: np.random.Generator) -> str:
         """What is wrong with how a damaged file is read; nothing if all is right."""
         seed = self.seeds[rng.integers(len(self.seeds))]
-        path = self.folder / seed.name
-        if path.is_dir():
-            shutil.rmtree(path)
-        if seed.is_dir():
-            shutil.copytree(seed, path)
-            inside = sorted(path.iterdir())
-            damaged = inside[rng.integers(len(inside))]
-            headers = [file for file in inside if file.suffix in (".nhdr", ".mhd", ".hdr")]
-            path = headers[0] if headers else path
-        else:
-            shutil.copy(seed, path)
-            damaged = path
-        other = self.seeds[rng.integers(len(self.seeds))]
-        damaged.write_bytes(damage(damaged, other.read_bytes() if other.is_file() else b"", rng))
+        inside = self.inside[seed]
+        damaged = inside[rng.integers(len(inside))]
+        headers = [file for file in inside if file.suffix in (".nhdr", ".mhd", ".hdr")]
+        path = headers[0] if headers else seed
+        other = self.sound[self.inside[self.seeds[rng.integers(len(self.seeds))]][0]]
+        damaged.write_bytes(damage(self.sound[damaged], other, rng))
+        try:
+            return self._read(seed, path, damaged, rng)
+        finally:
+            damaged.write_bytes(self.sound[damaged])
+
+    def _read(self, seed: Path, path: Path, damaged: Path, rng: np.random.Generator) -> str:
+        """What comes of a file that is damaged, or of the one that it belongs to."""
         options = {"nan": "transparent"} | OPTIONS[rng.integers(len(OPTIONS))]
         bare = damaged == path and rng.random() < 0.02
         shape, dtype = rng.integers(1, 12, 3).tolist(), ("u1", "i2", "f4", "f8", "u8")[rng.integers(5)]
         volumes = []
+        self.subject = f"{'bare' if bare else _format(seed)}, read"
         try:
             # Memory that nobody wrote into differs from one reading to the next. Not at first, and not where pydicom
             # asks for as much as an element declares and takes what there is: it is then all touched.
@@ -79,7 +81,8 @@ class Files:
                     else read(path, **options)
                 )
         except CLEAR as error:
-            names = {path.name, damaged.name, damaged.parent.name if seed.is_dir() else path.name, *options}
+            self.subject = self.subject.replace(", read", ", refused")
+            names = {path.name, damaged.name, seed.name, *options}
             named = any(name in str(error) for name in names)
             return "" if named else f"unclear: {type(error).__name__} without a name: {error}"
         finally:
@@ -92,9 +95,14 @@ class Files:
         return ""
 
 
-def damage(path: Path, other: bytes, rng: np.random.Generator) -> bytes:
+def _format(seed: Path) -> str:
+    """What a seed is of: the extension of it or of what is in it."""
+    ending = next((file.suffix for file in sorted(seed.iterdir())), "") if seed.is_dir() else seed.suffix
+    return {"": ".dcm", ".mrc.gz": ".mrc", ".bz2": ".nhdr", ".raw": ".nhdr"}.get(ending, ending)
+
+
+def damage(content: bytes, other: bytes, rng: np.random.Generator) -> bytes:
     """The content of a file, damaged; or, where it is packed, now and then what is in it."""
-    content = path.read_bytes()
     inside = rng.random() < 0.6
     with suppress(OSError, EOFError, zipfile.BadZipFile):
         if inside and content.startswith(b"\x1f\x8b"):
@@ -113,7 +121,7 @@ def damage(path: Path, other: bytes, rng: np.random.Generator) -> bytes:
 def mutated(content: bytes, other: bytes, rng: np.random.Generator) -> bytes:
     """Damage in one to a few places, near the start more often than elsewhere, as headers are there."""
     data = bytearray(content)
-    for _ in range(1 + rng.geometric(0.5)):
+    for _ in range(rng.geometric(0.6)):
         at = int(len(data) * rng.random() ** rng.choice([1, 3]))
         kind = rng.integers(12)
         length = int(rng.integers(1, 9))

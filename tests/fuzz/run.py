@@ -30,6 +30,7 @@ class Found(NamedTuple):
     number: int
     outcome: str
     note: str
+    subject: str = ""  # what it was about, such as a format that was read or refused
 
 
 class Worker:
@@ -58,20 +59,20 @@ class Worker:
         except (OSError, IndexError, ValueError):
             return time.monotonic()
 
-    def run(self, number: int) -> tuple[str, str]:
-        """Outcome and note of a case."""
+    def run(self, number: int) -> tuple[str, str, str]:
+        """Outcome, note and subject of a case."""
         self.process.stdin.write(f"{number}\n".encode())
         self.process.stdin.flush()
         line = self._line(self.limit)
         if line is not None:
-            note = json.loads(line)[1]
-            return (note.partition(":")[0] if note else "right"), note
+            _, note, subject = json.loads(line)
+            return (note.partition(":")[0] if note else "right"), note, subject
         try:
             code = self.process.wait(timeout=1)
         except subprocess.TimeoutExpired:
-            return "hang", f"no end within {self.limit:g} s"
+            return "hang", f"no end within {self.limit:g} s", ""
         name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        return "crash", name
+        return "crash", name, ""
 
     def end(self) -> None:
         self.process.kill()
@@ -86,8 +87,8 @@ def run(kind: str, numbers: Iterable[int]) -> Iterator[Found]:
     try:
         for number in numbers:
             worker = Worker(kind) if worker is None else worker
-            outcome, note = worker.run(number)
-            yield Found(kind, number, outcome, note)
+            outcome, note, subject = worker.run(number)
+            yield Found(kind, number, outcome, note, subject)
             if outcome in ("hang", "crash"):
                 worker.end()
                 worker = None

@@ -22,7 +22,7 @@ KINDS: dict[str, Any] = {"files": Files, "arguments": Arguments, "scenes": Scene
 # Address space of the process, of which libraries take the most, and growth of its memory by a case [bytes].
 SPACE, GROWTH = 12 << 30, 300 << 20
 # What libtiff prints, which reads some files through Pillow and cannot be told not to; and that a kernel is compiled.
-KNOWN = (b"tempfile.tif", b"TIFF", b"LZWDecode", b"JPEGLib", b"JPEGSetupDecode", b"wvr: compiling")
+KNOWN = (b"tempfile.tif", b"TIFF", b"LZWDecode", b"JPEGLib", b"JPEGSetupDecode", b"JPEGPreDecode", b"wvr: compiling")
 
 
 def rng_of(kind: str, number: int) -> np.random.Generator:
@@ -72,7 +72,7 @@ def main() -> None:
             words = [line for line in printed.read(2000).splitlines() if not any(known in line for known in KNOWN)]
             if words and not found:
                 found = f"unclear: printed {words[0]!r}"
-            print(json.dumps([int(line), found]), file=answers, flush=True)
+            print(json.dumps([int(line), found, getattr(target, "subject", "")]), file=answers, flush=True)
 
 
 if __name__ == "__main__":

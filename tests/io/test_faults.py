@@ -525,3 +525,12 @@ def test_dicom_images_without_rows(tmp_path):
     data.SOPClassUID = pydicom.uid.BasicTextSRStorage
     data.save_as(tmp_path / "3")
     check(read(tmp_path), FIELD[:3])
+
+
+def test_fields_that_are_there_twice(tmp_path):
+    """Which of them is meant, nobody knows."""
+    (tmp_path / "a.nrrd").write_bytes(nrrd(LITTLE, more="sizes: 3 5 4\n"))
+    with pytest.raises(OSError, match="its header has the field 'sizes' twice"):
+        read(tmp_path / "a.nrrd")
+    (tmp_path / "a.nrrd").write_bytes(nrrd(LITTLE, more="spacings: 1 1 1\nkey:=value\nkey:=other\n"))
+    check(read(tmp_path / "a.nrrd"))

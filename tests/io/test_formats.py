@@ -358,3 +358,23 @@ def test_dicom_in_jpeg_2000(tmp_path):
             check(read(path), pixels[None], spacing=(1.5, 2, 99))
     with pytest.raises(OSError, match=r"a\.dcm .*a box of its JPEG 2000 is 0 bytes long"):
         read(path)
+
+
+def test_nifti_forms_that_are_no_place(tmp_path):
+    """Codes below 0 say nothing, as of 0; a form that is singular is not replaced without a word."""
+    content = bytearray(nifti(LITTLE))
+    content[254:256] = np.array([-3], "<i2").tobytes()
+    (tmp_path / "a.nii").write_bytes(content)
+    check(read(tmp_path / "a.nii"), origin=(0, 0, 0), direction=np.eye(3))
+    content[254:256], content[280:292] = np.array([1], "<i2").tobytes(), bytes(12)
+    (tmp_path / "a.nii").write_bytes(content)
+    with pytest.raises(OSError, match=r"a\.nii .*its sform is .*which is no place in the world"):
+        read(tmp_path / "a.nii")
+
+
+def test_dicom_positions_are_three_numbers(tmp_path):
+    for place in ([1, 2, 3, 4, 5, 6], [1, 2]):
+        dicom(tmp_path / "a.dcm", FIELD[0], (1, 2, 3))
+        edited(tmp_path / "a.dcm", ImagePositionPatient=place)
+        with pytest.raises(OSError, match=r"a\.dcm .*its position must be three numbers"):
+            read(tmp_path / "a.dcm")

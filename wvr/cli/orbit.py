@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from .look import Look
-from .source import Reading
+from .source import Reading, check_kept
 from .stages import Stages
 
 
@@ -51,7 +51,8 @@ def orbit(
         output = Path("orbit.mp4" if find_spec("imageio_ffmpeg") else "orbit.gif")
     with Stages() as stage:
         volume = reading.load(source, look.nan, stage)
-        keywords, _ = look.of(volume, keywords)
+        keywords, read = look.of(volume, keywords)
+        check_kept(output, volume.files + read)
         stage("rendering")
         movie = wvr.orbit(volume, frames=frames, output=output, fps=fps, elevation=elevation, turn=turn, **keywords)
     width, height = keywords["size"]

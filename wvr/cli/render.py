@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from ..image import PIXEL_WRITERS
 from .look import Look
 from .options import Lens, Vector, camera_of
-from .source import Reading
+from .source import Reading, check_kept
 from .stages import Stages
 
 
@@ -63,7 +63,7 @@ def render(
         volume = reading.load(source, look.nan, stage)
         keywords, read = look.of(volume, keywords)
         if not piped:
-            _check_kept(output, volume.files + read)
+            check_kept(output, volume.files + read)
         lens = Lens(view_angle, parallel, width / height)
         shown = keywords["segmentation"] or keywords["transfer_function"]
         view = camera_of(volume, shown, keywords["clip"], (camera, direction, up), lens)
@@ -98,9 +98,3 @@ def _check_output(output: Path, background: str | None) -> None:
         raise ValueError(f"--background is for .png and .jpg, {suffix} keeps the image without one")
     if not output.parent.is_dir():
         raise FileNotFoundError(f"--output must be in a folder that exists, got {str(output)!r}")
-
-
-def _check_kept(output: Path, files: tuple[Path, ...]) -> None:
-    """Nothing that was read is written to."""
-    if output.exists() and any(file.exists() and output.samefile(file) for file in files):
-        raise ValueError(f"--output must not be the volume itself or its labels, which are read from {str(output)!r}")

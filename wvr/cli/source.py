@@ -115,3 +115,9 @@ def _files_beside(source: str) -> list[str]:
         return [str(folder / name.name) for name in folder.iterdir()]
     except OSError:
         return []
+
+
+def check_kept(output: Path, files: tuple[Path, ...]) -> None:
+    """Nothing that was read is written to."""
+    if output.exists() and any(file.exists() and output.samefile(file) for file in files):
+        raise ValueError(f"--output must not be the volume itself or its labels, which are read from {str(output)!r}")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from inspect import signature
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ..memory import free_host_memory
-from ..validation import integer
+from ..validation import integer, near, within
 from ..volume import Volume
 from .downloads import DOWNLOADS, fetch
 from .fields import blobs, gyroid, marschner_lobb, shepp_logan, spheres, turbulence
@@ -24,6 +26,14 @@ GENERATED: dict[str, Callable[..., NDArray]] = {
     "turbulence": turbulence,
     "tree": tree,
     "heart": heart,
+}
+
+# How options of generated volumes are checked.
+OPTIONS: dict[str, Callable[[Any, str], Any]] = {
+    "seed": lambda value, name: integer(value, name, 0),
+    "count": lambda value, name: integer(value, name, 1),
+    "periods": lambda value, name: within(value, name, 1e6),
+    "phase": lambda value, name: within(value, name, np.inf),
 }
 
 # Bytes that generating takes for a sample.
@@ -65,6 +75,12 @@ def load(name: str, size: int = 128, **options: Any) -> Volume:
     if name not in GENERATED:
         raise ValueError(f"name must be one of {', '.join(map(repr, names()))}, got {name!r}")
     size = integer(size, "size", 2)
+    accepted = list(signature(GENERATED[name]).parameters)[1:]
+    for option, value in options.items():
+        if option not in accepted:
+            there = f"of {name!r} are {', '.join(accepted)}" if accepted else f"are none of {name!r}"
+            raise TypeError(f"options {there}, got {option!r}{near(option, accepted)}")
+        options[option] = OPTIONS[option](value, option)
     if (needed := BYTES * size**3) > (free := free_host_memory()):
         raise MemoryError(
             f"size = {size} takes {needed / 2**30:.1f} GiB to generate, of which {free / 2**30:.1f} GiB are free"

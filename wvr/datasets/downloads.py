@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..io import read_raw
+from ..validation import path_of
 from ..volume import Volume
 
 URL = "https://klacansky.com/open-scivis-datasets"
@@ -72,10 +73,10 @@ def fetch(name: str, cache: str | os.PathLike[str] | None = None) -> Volume:
     """
     import pooch
 
-    if name not in DOWNLOADS:
+    if not isinstance(name, str) or name not in DOWNLOADS:
         raise ValueError(f"name must be one of {', '.join(map(repr, DOWNLOADS))}, got {name!r}")
     entry = DOWNLOADS[name]
-    folder = Path(cache or os.environ.get("WVR_CACHE") or pooch.os_cache("wvr"))
+    folder = path_of(cache or os.environ.get("WVR_CACHE") or pooch.os_cache("wvr"), "cache")
     url = f"{os.environ.get('WVR_DATASETS_URL', URL).rstrip('/')}/{entry.file}"
 
     def download(url: str, output: str, _: Any) -> None:

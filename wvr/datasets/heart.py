@@ -14,8 +14,6 @@ def heart(size: int, phase: float = 0.0, seed: int = 1) -> NDArray:
     ``phase`` 0 is the end of filling, 0.35 that of contraction, and 1 is 0 again. The left ventricle ejects 58 % of its
     blood, the volume of its wall stays. Echoes have the statistics of speckle, which changes smoothly over a cycle.
     """
-    if not np.isfinite(phase):
-        raise ValueError(f"phase must be a finite number, got {phase!r}")
     cycle = phase % 1.0
     # How contracted: 0 to 1 and back, each a half wave.
     squeeze = np.sin(np.pi / 2 * (cycle / 0.35 if cycle < 0.35 else (1 - cycle) / 0.65)) ** 2

@@ -204,6 +204,8 @@ def _frame(path: Path, head: Any, stored: NDArray, k: int) -> Slice:
     row, column = orientation.reshape(2, 3)
     place = placed.get("ImagePositionPatient")
     place = np.array(place, np.float64) if place else None
+    if place is not None and (place.shape != (3,) or not np.all(np.isfinite(place))):
+        raise Flaw(f"its position must be three numbers, got {place.tolist()}")
     thickness = _number(measures.get("SpacingBetweenSlices"), _number(measures.get("SliceThickness"), 1.0)) or 1.0
     frames = int(head.get("NumberOfFrames") or 1)
     timely = frames > 1 and head.get("FrameIncrementPointer") in FRAME_TIMES

@@ -93,9 +93,13 @@ def _read(
 
 def _place(path: Path, head: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """That of the sform; where it is none, of the qform; without one, spacing alone."""
-    for form in (head.get_sform(coded=True)[0], head.get_qform(coded=True)[0]):
-        if form is not None and np.all(np.isfinite(form)) and np.linalg.det(form[:3, :3]) != 0:
-            return form[:3, :3].astype(np.float64), form[:3, 3].astype(np.float64)
+    for name in ("sform", "qform"):
+        # Codes that say what it is are > 0; one that is all zero is none.
+        if head[f"{name}_code"] <= 0 or not np.any((form := getattr(head, f"get_{name}")())[:3, :3]):
+            continue
+        if not np.all(np.isfinite(form)) or np.linalg.det(form[:3, :3]) == 0:
+            raise Flaw(f"its {name} is {form[:3].tolist()}, which is no place in the world")
+        return form[:3, :3].astype(np.float64), form[:3, 3].astype(np.float64)
     spacing = np.abs(head["pixdim"][1:4].astype(np.float64))
     if not np.all(spacing > 0):
         spacing = np.where(spacing > 0, spacing, guess(path, "how wide voxels are along every axis"))

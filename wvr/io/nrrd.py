@@ -75,7 +75,7 @@ def read_nrrd(path: Path) -> Grid:
 
 
 def _head(lines: list[str]) -> Fields:
-    if not lines[0].startswith("NRRD"):
+    if not re.fullmatch(r"NRRD\d{4}\s*", lines[0]):
         raise Flaw("no NRRD magic at its start")
     head = Fields()
     for line in lines[1:]:
@@ -85,7 +85,10 @@ def _head(lines: list[str]) -> Fields:
         if not colon:
             raise Flaw(f"the line {line[:80]!r} of its header is no field")
         name = name.strip().lower()
-        head[ALIASES.get(name, name)] = value.strip()
+        name = ALIASES.get(name, name)
+        if name in head:
+            raise Flaw(f"its header has the field {name!r} twice")
+        head[name] = value.strip()
     return head
 
 
