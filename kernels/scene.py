@@ -39,6 +39,16 @@ class Halves:
     traced: bool = False  # the steps of a ray are written down, by a march that has them
 
     @property
+    def rays(self) -> int:
+        """Rays of a work item: several of a march that takes them at a time, where nothing cuts them."""
+        return 1 if self.cuts.any or not self.vectors else getattr(self.march, "rays", 1)
+
+    @property
+    def scratch(self) -> int:
+        """Bytes of memory that a thread has for itself, where its march asks for some."""
+        return getattr(self.march, "scratch", 0) if self.vectors else 0
+
+    @property
     def Scene(self) -> Any:
         """The struct that functions take as ``scene``: the same where halves differ in other things.
 

@@ -12,9 +12,11 @@ typedef float v8f __attribute__((vector_size(32), aligned(4)));
 typedef int v8i __attribute__((vector_size(32), aligned(4)));
 typedef double vd __attribute__((vector_size(64), aligned(8)));
 typedef long long vq __attribute__((vector_size(64), aligned(8)));
+typedef bool b16 __attribute__((ext_vector_type(16)));
 const vf zero = {};
 #define MAX __builtin_elementwise_max
 #define MIN __builtin_elementwise_min
 #define ABS(a) ((vf)((vi)(a) & 0x7fffffff))
+#define ABSD(a) ((vd)((vq)(a) & 0x7fffffffffffffffLL))
 #define JOIN(a, b) __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15)
 """

@@ -77,7 +77,8 @@ class Frame:
         bounds = wp.zeros(shape, dtype=wp.float32, device=self.device)
         wp.synchronize_device(self.device)
         prepared = perf_counter()
-        launch_pixels(make_raycast(halves), [struct, rgba, samples, bounds], self.device, struct.view)
+        inputs = [struct, rgba, samples, bounds, 0]
+        launch_pixels(make_raycast(halves), inputs, self.device, struct.view, halves.rays, halves.scratch)
         wp.synchronize_device(self.device)
         end = perf_counter()
         stats = {
@@ -189,7 +190,7 @@ class Frame:
             counts = wp.empty(samples.shape, dtype=int, device=keep.device)
             bounds = wp.empty((1, 1), dtype=wp.float32, device=keep.device)
             first = item(samples.shape[1], x, y)
-            launch(make_raycast(halves), 1, [struct, rgba, counts, bounds], keep.device, first=first)
+            launch(make_raycast(halves), 1, [struct, rgba, counts, bounds, 0], keep.device, first=first)
             taken = steps.numpy()
             return taken[taken["length"] > 0]
 

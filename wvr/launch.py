@@ -126,6 +126,7 @@ def launch(
     grain: int = 1,
     first: int = 0,
     view: Any = None,
+    scratch: int = 0,
 ) -> None:
     """Run ``kernel(base, *inputs)`` over ``items`` work items.
 
@@ -142,6 +143,8 @@ def launch(
         Index of the first item.
     view
         The :class:`kernels.ray.View` of the ``inputs``, where they have one: the kernel then ends between two pixels.
+    scratch
+        Bytes of memory that each thread has for itself, whose address takes the place of the last of the ``inputs``.
 
     Raises
     ------
@@ -163,7 +166,10 @@ def launch(
 
     def run() -> None:
         # Arguments are packed once a thread; a strip then costs a few microseconds, not 50.
+        memory = wp.empty(max(scratch, 1), dtype=wp.uint8, device=device)
         command = wp.launch(kernel, strip, [0, *inputs], device=device, record_cmd=True)
+        if scratch:
+            command.set_param_at_index(len(inputs), memory.ptr)
         for base in bases:
             if flag[0]:
                 return
@@ -177,7 +183,9 @@ def launch(
     _work(run, min(threads, len(starts)), stop, joins=view is None)
 
 
-def launch_pixels(kernel: wp.Kernel, inputs: list[Any], device: wp.Device, view: Any) -> None:
+def launch_pixels(
+    kernel: wp.Kernel, inputs: list[Any], device: wp.Device, view: Any, rays: int = 1, scratch: int = 0
+) -> None:
     """Run ``kernel(base, *inputs)`` over the pixels of an image, work items of ``kernels.ray.pixel``.
 
     Exceptions are as of :func:`launch`.
@@ -186,9 +194,11 @@ def launch_pixels(kernel: wp.Kernel, inputs: list[Any], device: wp.Device, view:
     ----------
     view
         The :class:`kernels.ray.View` of the ``inputs``: the kernel ends between two pixels.
+    rays
+        Pixels of an item of the launch.
     """
-    tile = int(TILE) ** 2
-    launch(kernel, tiles(view.width, view.height) * tile, inputs, device, grain=tile, view=view)
+    tile = int(TILE) ** 2 // rays
+    launch(kernel, tiles(view.width, view.height) * tile, inputs, device, grain=tile, view=view, scratch=scratch)
 
 
 def launch_in_turn(kernel: wp.Kernel, items: int, steps: Sequence[tuple], inputs: list[Any], device: wp.Device) -> None:

@@ -20,9 +20,9 @@ CORNER_ULPS = 4 * U
 CUBICS = """
 const int64_t nx = field.data.shape[2], nxy = nx * field.data.shape[1];
 const auto* __restrict data = field.data.data;
-uint64_t* __restrict place = cells.data;
-double* __restrict start = times.data;
-double* __restrict stop = times.data + CELLS;
+uint64_t* __restrict place = cells.data + ray * CELLS;
+double* __restrict start = times.data + ray * 2 * CELLS;
+double* __restrict stop = start + CELLS;
 const float d0 = (float)d[0], d1 = (float)d[1], d2 = (float)d[2];
 const int padded = (n + 15) & -16;
 for (int l = n; l < padded; ++l) {
@@ -127,12 +127,79 @@ PAIRS = {
 }
 
 
+CENTERED = """
+const auto* __restrict data = field.data.data;
+const int64_t nx = field.data.shape[2], nxy = nx * field.data.shape[1];
+const int n = which.data[0];
+for (int j = 0; j < n; j += 8) {
+    alignas(64) double c[8][8], line[6][8], start[8], stop[8];
+    alignas(64) int64_t place[8];
+    for (int l = 0; l < 8; ++l) {
+        const int i = which.data[j + l < n ? j + l + 1 : n], ray = i / COUNT, cell = i % COUNT;
+        const uint64_t q = cells.data[i];
+        const auto* a = data + (int64_t)(q >> 42) * nxy + (int64_t)((q >> 21) & 0x1fffff) * nx
+            + (int64_t)(q & 0x1fffff);
+        for (int m = 0; m < 8; ++m) c[m][l] = double(a[(m >> 2) * nxy + ((m >> 1) & 1) * nx + (m & 1)]) SHIFTED;
+        for (int m = 0; m < 6; ++m) line[m][l] = lines.data[8 * ray + m];
+        place[l] = (int64_t)q;
+        start[l] = times.data[2 * COUNT * ray + cell];
+        stop[l] = times.data[2 * COUNT * ray + COUNT + cell];
+    }
+#define OF(a) (*(const vd*)a)
+    const vd h = 0.5 * (OF(stop) - OF(start)), t = OF(start) + h, d0 = OF(line[3]), d1 = OF(line[4]), d2 = OF(line[5]);
+    const vq q = *(const vq*)place;
+#define PLACE(a, shift) (OF(line[a]) + t * d##a - __builtin_convertvector((q >> shift) & 0x1fffff, vd))
+#define CORNER(i) OF(c[i])
+    const vd x = PLACE(0, 0), y = PLACE(1, 21), z = PLACE(2, 42);
+    const vd x00 = CORNER(1) - CORNER(0), x10 = CORNER(3) - CORNER(2);
+    const vd x01 = CORNER(5) - CORNER(4), x11 = CORNER(7) - CORNER(6);
+    const vd v00 = CORNER(0) + x * x00, v01 = CORNER(4) + x * x01;
+    const vd y0 = CORNER(2) + x * x10 - v00, y1 = CORNER(6) + x * x11 - v01;
+    const vd v0 = v00 + y * y0, dz = v01 + y * y1 - v0, xy0 = x10 - x00, xyz = x11 - x01 - xy0;
+    const vd xz = x01 - x00 + y * xyz, yz = y1 - y0;
+    const vd dx = x00 + y * xy0 + z * xz, dy = y0 + z * yz, xy = xy0 + z * xyz;
+    const int64_t room = cubic.shape[1];
+    double* to = cubic.data + j;
+    *(vd*)to = v0 + z * dz;
+    *(vd*)(to + room) = h * (d0 * dx + d1 * dy + d2 * dz);
+    *(vd*)(to + 2 * room) = h * h * (d0 * (d1 * xy + d2 * xz) + d1 * (d2 * yz));
+    *(vd*)(to + 3 * room) = h * h * h * (d0 * d1 * d2 * xyz);
+    *(vd*)(to + 4 * room) = h;
+}
+"""
+
+
+@cache
+def make_centered(dtype, count):
+    """``centered(field, lines, cells, times, which, cubic)``: ``cell.make_centered`` of cells of several rays, of
+    ``count`` cells each. ``which`` has how many, and which they are, counted through; ``lines`` have the rays' origins
+    and directions.
+
+    Rows of ``cubic`` (5, a multiple of eight) are the four coefficients and half the length.
+    """
+    Field = make_samples(dtype)
+    shifted = "- field.shift" if dtype in (wp.float16, wp.float32, wp.float64) else ""
+
+    @wp.func_native(VECTORS + CENTERED.replace("SHIFTED", shifted).replace("COUNT", str(count)))
+    def centered(
+        field: Field,
+        lines: wp.array2d(dtype=wp.float64),
+        cells: wp.array2d(dtype=wp.uint64),
+        times: wp.array3d(dtype=wp.float64),
+        which: wp.array(dtype=int),
+        cubic: wp.array2d(dtype=wp.float64),
+    ): ...
+
+    return centered
+
+
 @cache
 def make_cubics(dtype, count):
-    """``cubics(field, origin, d, cells, times, n, cubic)``: of n of ``count`` cells, places with 21 bits an axis, that
-    the ray enters and leaves at ``times``. Rows of ``cubic`` are the corner that the scalar is counted from, the
-    scalar's mean from there, ``m1``, ``m2``, ``m3`` and half the length, of ``mean + m1 v + m2 (v^2 - 1/3) + m3 v^3``
-    with v in [-1, 1], and what rounding takes it away at most: 0 where all corners are equal, and exact.
+    """``cubics(field, origin, d, cells, times, ray, n, cubic)``: of n of ``count`` cells of a ray, places with 21 bits
+    an axis, that it enters and leaves at ``times``. Rows of ``cubic`` are the corner that the scalar is counted from,
+    the scalar's mean from there, ``m1``, ``m2``, ``m3`` and half the length, of
+    ``mean + m1 v + m2 (v^2 - 1/3) + m3 v^3`` with v in [-1, 1], and what rounding takes it away at most: 0 where all
+    corners are equal, and exact.
 
     Up to a multiple of sixteen, more of no length follow.
     """
@@ -157,8 +224,9 @@ def make_cubics(dtype, count):
         field: Field,
         origin: wp.vec3d,
         d: wp.vec3d,
-        cells: wp.array(dtype=wp.uint64),
-        times: wp.array2d(dtype=wp.float64),
+        cells: wp.array2d(dtype=wp.uint64),
+        times: wp.array3d(dtype=wp.float64),
+        ray: int,
         n: int,
         cubic: wp.array2d(dtype=wp.float32),
     ): ...
@@ -181,16 +249,17 @@ def make_cubics_one_by_one(dtype, count):
         field: Field,
         origin: wp.vec3d,
         d: wp.vec3d,
-        cells: wp.array(dtype=wp.uint64),
-        times: wp.array2d(dtype=wp.float64),
+        cells: wp.array2d(dtype=wp.uint64),
+        times: wp.array3d(dtype=wp.float64),
+        ray: int,
         n: int,
         cubic: wp.array2d(dtype=wp.float32),
     ):
         last = (n + 15) & ~15
         for l in range(last):
-            place = cells[wp.min(l, n - 1)]
-            start = times[0, wp.min(l, n - 1)]
-            stop = times[1, wp.min(l, n - 1)]
+            place = cells[ray, wp.min(l, n - 1)]
+            start = times[ray, 0, wp.min(l, n - 1)]
+            stop = times[ray, 1, wp.min(l, n - 1)]
             if l >= n:
                 start = stop
             i = int(place & wp.uint64(0x1FFFFF))

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .cell import make_centered, make_cubic, make_extent
+from .cubics import make_centered as make_centered_of
 from .cubics import make_cubics, make_cubics_one_by_one
 from .samples import make_differences, make_samples, make_value
 
@@ -45,3 +46,7 @@ class Grid:
     def cubics(self, vectors: bool, count: int) -> Any:
         """``cubics`` of ``field.cubics``, of up to ``count`` cells: in vectors, or one by one."""
         return make_cubics(self.dtype, count) if vectors else make_cubics_one_by_one(self.dtype, count)
+
+    def centered_of(self, count: int) -> Any:
+        """``centered`` of ``field.cubics``, of rays of ``count`` cells each, in vectors."""
+        return make_centered_of(self.dtype, count)

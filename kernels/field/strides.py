@@ -81,7 +81,7 @@ bits = (2046 + 49 - (exponent > 100 ? exponent : 100)) << 52;
 double scale;
 __builtin_memcpy(&scale, &bits, 8);
 typedef int64_t word __attribute__((may_alias));
-word* s = (word*)state.data;
+word* s = (word*)state.data + 20 * ray;
 const int64_t all = (int64_t)(length * scale);
 const double far = 2.0 * length;
 uint64_t place = 0;
@@ -97,13 +97,14 @@ for (int a = 0; a < 3; ++a) {
     s[a] = (int64_t)((next > 0.0 ? next : 0.0) * scale);
     s[5 + a] = (int64_t)(gap * scale);
     s[8 + a] = (d[a] > 0.0 ? 1LL : -1LL) * (1LL << (21 * a));
+    state.data[20 * ray + 15 + a] = 1.0 / (double)(s[5 + a] > 0 ? s[5 + a] : 1);
 }
 s[3] = 0;
 s[4] = (int64_t)place;
 s[11] = all - 4 * ((int64_t)last[0] + last[1] + last[2] + 6);
 s[12] = all;
 s[13] = (d[0] > 0.0) | (d[1] > 0.0) << 1 | (d[2] > 0.0) << 2;
-state.data[14] = 1.0 / scale;
+state.data[20 * ray + 14] = 1.0 / scale;
 return true;
 """
 
@@ -118,11 +119,11 @@ auto walk = [](word* s, const uint64_t* __restrict seen, const uint8_t* __restri
     while (n < CELLS) {
         const int64_t block = (int64_t)(p >> 44) * nxy + (int64_t)((p >> 23) & 0x7ffff) * nx
             + (int64_t)((p >> 2) & 0x7ffff);
-        const uint64_t mask = seen[block];
-        if (__builtin_expect(mask == 0, 0)) {
+        const int64_t empty = free[block];
+        if (__builtin_expect(empty != 0, 0)) {
             // Faces to cross within the cube of empty blocks, and when the ray leaves it.
             const int64_t g0 = s[5], g1 = s[6], g2 = s[7], s0 = s[8], s1 = s[9], s2 = s[10];
-            const int64_t out = (int64_t)free[block] * 4 - 1;
+            const int64_t out = empty * 4 - 1;
             const int64_t i0 = p & 3, i1 = (p >> 21) & 3, i2 = (p >> 42) & 3;
             const int64_t e0 = n0 + (out - (s0 > 0 ? i0 : 3 - i0)) * g0, e1 = n1 + (out - (s1 > 0 ? i1 : 3 - i1)) * g1;
             const int64_t e2 = n2 + (out - (s2 > 0 ? i2 : 3 - i2)) * g2;
@@ -132,15 +133,15 @@ auto walk = [](word* s, const uint64_t* __restrict seen, const uint8_t* __restri
                 t = end;
                 break;
             }
-            // Faces across each axis until then: by division in double, which is off by one at most.
-            auto crossed = [&](int64_t next, int64_t gap) -> int64_t {
-                if (next > leave) return 0;
-                int64_t k = (int64_t)((double)(leave - next) / (double)gap);
-                const int64_t rest = leave - next - k * gap;
-                k += (rest >= gap) - (rest < 0);
-                return k + 1;
+            // Faces across each axis until then: by a reciprocal in double, which is off by one at most.
+            const double* one = (const double*)s + 15;
+            auto crossed = [&](int64_t next, int a) -> int64_t {
+                int64_t k = (int64_t)((double)(leave - next) * one[a]);
+                const int64_t rest = leave - next - k * s[5 + a];
+                k += (rest >= s[5 + a]) - (rest < 0) + 1;
+                return k > 0 ? k : 0;
             };
-            const int64_t k0 = crossed(n0, g0), k1 = crossed(n1, g1), k2 = crossed(n2, g2);
+            const int64_t k0 = crossed(n0, 0), k1 = crossed(n1, 1), k2 = crossed(n2, 2);
             n0 += k0 * g0;
             n1 += k1 * g1;
             n2 += k2 * g2;
@@ -148,6 +149,7 @@ auto walk = [](word* s, const uint64_t* __restrict seen, const uint8_t* __restri
             t = leave;
             continue;
         }
+        const uint64_t mask = seen[block];
         int64_t m = n0 < n1 ? n0 : n1;
         m = n2 < m ? n2 : m;
         const int bit = (int)((p & 3) | ((p >> 19) & 12) | ((p >> 38) & 48));
@@ -180,26 +182,28 @@ auto walk = [](word* s, const uint64_t* __restrict seen, const uint8_t* __restri
 };
 const auto& masks = blocks.masks;
 const int64_t nx = masks.shape[2], nxy = nx * masks.shape[1];
-word* ticks = (word*)times.data;
-word* s = (word*)state.data;
-const int64_t n = walk(s, (const uint64_t*)masks.data, octants.data + s[13] * nxy * masks.shape[0], nx, nxy, cells.data,
-    ticks);
-const double tick = state.data[14];
+double* when = times.data + ray * 2 * CELLS;
+word* ticks = (word*)when;
+word* s = (word*)state.data + 20 * ray;
+const int64_t n = walk(s, (const uint64_t*)masks.data, octants.data + s[13] * nxy * masks.shape[0], nx, nxy,
+    cells.data + ray * CELLS, ticks);
+const double tick = state.data[20 * ray + 14];
 typedef double vd __attribute__((vector_size(64), aligned(8), may_alias));
 typedef long long vq __attribute__((vector_size(64), aligned(8), may_alias));
 for (int64_t m = 0; m <= CELLS; m += CELLS)
     for (int64_t l = m; l < m + n; l += 8)
-        *(vd*)(times.data + l) = __builtin_convertvector(*(const vq*)(ticks + l), vd) * tick + start;
+        *(vd*)(when + l) = __builtin_convertvector(*(const vq*)(ticks + l), vd) * tick + start;
 return (int)n;
 """
 
 
 @cache
 def make_strides(cells):
-    """``begin(last, origin, d, start, end, state)`` -> whether there is anything between start and end, and
-    ``stride(last, blocks, octants, origin, d, start, end, state, cells, times)`` -> the number of cells that it found:
-    the next with something to see, as many as there is room for, or fewer where the stretch ends. ``places`` have 21
-    bits an axis; ``times`` are when the ray enters and leaves them; ``more(state)`` says whether the ray goes on.
+    """Of several rays, each by its number: ``begin(last, origin, d, start, end, state, ray)`` -> whether there is
+    anything between start and end; ``stride(blocks, octants, start, state, cells, times, ray)`` -> the number of cells
+    that it found, the next with something to see, as many as there is room for, or fewer where the stretch ends; and
+    ``more(state, ray)`` -> whether the ray goes on. ``cells`` have 21 bits an axis; ``times`` are when the ray enters
+    and leaves them.
     """
 
     @wp.func_native(BEGIN)
@@ -209,7 +213,8 @@ def make_strides(cells):
         d: wp.vec3d,
         start: wp.float64,
         end: wp.float64,
-        state: wp.array(dtype=wp.float64),
+        state: wp.array2d(dtype=wp.float64),
+        ray: int,
     ) -> bool: ...
 
     @wp.func_native(STRIDE.replace("CELLS", str(cells)))
@@ -217,13 +222,14 @@ def make_strides(cells):
         blocks: Blocks,
         octants: wp.array4d(dtype=wp.uint8),
         start: wp.float64,
-        state: wp.array(dtype=wp.float64),
-        cells: wp.array(dtype=wp.uint64),
-        times: wp.array2d(dtype=wp.float64),
+        state: wp.array2d(dtype=wp.float64),
+        cells: wp.array2d(dtype=wp.uint64),
+        times: wp.array3d(dtype=wp.float64),
+        ray: int,
     ) -> int: ...
 
-    @wp.func_native("const int64_t* s = (const int64_t*)state.data; return s[3] < s[12];")
-    def more(state: wp.array(dtype=wp.float64)) -> bool: ...
+    @wp.func_native("const int64_t* s = (const int64_t*)state.data + 20 * ray; return s[3] < s[12];")
+    def more(state: wp.array2d(dtype=wp.float64), ray: int) -> bool: ...
 
     return begin, stride, more
 
@@ -242,51 +248,58 @@ def make_gathered(cells):
         d: wp.vec3d,
         start: wp.float64,
         end: wp.float64,
-        state: wp.array(dtype=wp.float64),
+        state: wp.array2d(dtype=wp.float64),
+        ray: int,
     ):
         w = enter(last, origin, d, start)
         for a in range(3):
-            state[a] = wp.float64(w.cell[a])
-            state[4 + a] = origin[a]
-            state[7 + a] = d[a]
-            state[10 + a] = wp.float64(last[a])
-        state[3] = start
-        state[13] = wp.min(end, w.out)
-        return start < state[13]
+            state[ray, a] = wp.float64(w.cell[a])
+            state[ray, 4 + a] = origin[a]
+            state[ray, 7 + a] = d[a]
+            state[ray, 10 + a] = wp.float64(last[a])
+        state[ray, 3] = start
+        state[ray, 13] = wp.min(end, w.out)
+        return start < state[ray, 13]
 
     @wp.func
     def stride(
         blocks: Blocks,
         octants: wp.array4d(dtype=wp.uint8),
         start: wp.float64,
-        state: wp.array(dtype=wp.float64),
-        cells: wp.array(dtype=wp.uint64),
-        times: wp.array2d(dtype=wp.float64),
+        state: wp.array2d(dtype=wp.float64),
+        cells: wp.array2d(dtype=wp.uint64),
+        times: wp.array3d(dtype=wp.float64),
+        ray: int,
     ):
-        last = wp.vec3i(int(state[10]), int(state[11]), int(state[12]))
-        w = enter(last, wp.vec3d(state[4], state[5], state[6]), wp.vec3d(state[7], state[8], state[9]), start)
-        w.cell = wp.vec3i(int(state[0]), int(state[1]), int(state[2]))
-        w.t = state[3]
+        last = wp.vec3i(int(state[ray, 10]), int(state[ray, 11]), int(state[ray, 12]))
+        w = enter(
+            last,
+            wp.vec3d(state[ray, 4], state[ray, 5], state[ray, 6]),
+            wp.vec3d(state[ray, 7], state[ray, 8], state[ray, 9]),
+            start,
+        )
+        w.cell = wp.vec3i(int(state[ray, 0]), int(state[ray, 1]), int(state[ray, 2]))
+        w.t = state[ray, 3]
         n = int(0)
-        while w.t < state[13] and n <= room:
-            w, few = gather(blocks, w, state[13])
+        while w.t < state[ray, 13] and n <= room:
+            w, few = gather(blocks, w, state[ray, 13])
             for l in range(PACKET):
                 if l < few.count:
-                    cells[n] = (
+                    cells[ray, n] = (
                         wp.uint64(few.cell[0, l])
                         | wp.uint64(few.cell[1, l]) << wp.uint64(21)
                         | wp.uint64(few.cell[2, l]) << wp.uint64(42)
                     )
-                    times[0, n] = few.start[l]
-                    times[1, n] = few.start[l] + few.length[l]
+                    times[ray, 0, n] = few.start[l]
+                    times[ray, 1, n] = few.start[l] + few.length[l]
                     n += 1
         for a in range(3):
-            state[a] = wp.float64(w.cell[a])
-        state[3] = w.t
+            state[ray, a] = wp.float64(w.cell[a])
+        state[ray, 3] = w.t
         return n
 
     @wp.func
-    def more(state: wp.array(dtype=wp.float64)):
-        return state[3] < state[13]
+    def more(state: wp.array2d(dtype=wp.float64), ray: int):
+        return state[ray, 3] < state[ray, 13]
 
     return begin, stride, more

@@ -20,7 +20,7 @@ from ..ray import FAR, inside
 from ..transfer.function import make_transfer
 from ..transfer.rows import Rows
 from .cubics import Cubic, from_start, make_cubics, make_shone
-from .packed import make_packed
+from .packed import RAYS, SCRATCH, make_packed, make_rays
 from .pieces import VALUE, make_jumps, make_pieces
 from .series import make_series
 
@@ -45,6 +45,7 @@ class Certificate:
     along: wp.float64  # and of its length
     rows: Rows
     octants: wp.array4d(dtype=wp.uint8)  # of ``field.strides``
+    scratch: wp.uint64  # memory of the thread's own, ``packed.SCRATCH`` bytes
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,18 @@ class Half:
         if self.single and halves.vectors:
             return make_packed(halves)
         return make_certified(halves)
+
+    @property
+    def rays(self):
+        return RAYS if self.single else 1
+
+    @property
+    def scratch(self):
+        return SCRATCH if self.single else 0
+
+    def together(self, halves):
+        """The march of so many rays at a time, as of ``packed``."""
+        return make_rays(halves, self.rays)
 
     def edge(self, halves):
         return make_edge(halves)

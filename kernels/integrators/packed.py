@@ -12,6 +12,7 @@ import warp as wp
 from ..field.strides import make_gathered, make_strides
 from ..ray import FAR
 from ..transfer.function import make_transfer
+from .crossings import JOBS, make_crossings
 from .cubics import Cubic, from_start, make_cubics
 from .packet import make_packet
 from .pieces import make_pieces
@@ -21,6 +22,10 @@ from .single import CELLS, LANES, make_single
 ASTRAY = 2.0**-23
 # A cell may have so much of what its ray has left.
 LEFT = 1 / 16
+# Rays at a time, where nothing cuts them.
+RAYS = 16
+# Memory of a thread [bytes].
+SCRATCH = 1 << 17
 
 
 @cache
@@ -104,86 +109,175 @@ def depth_of(A: wp.float64):
 
 
 @cache
-def make_packed(halves):
-    """The march, as of ``scene``, without light; what it counts are cells and pieces, and it has a bound."""
+def make_rays(halves, rays):
+    """``march(scene, lines, results)`` of so many rays at a time, without light; what it counts are cells and pieces.
+
+    ``lines`` (rays, 8) are the rays' origins, directions, starts and stops, and ``results`` (rays, 6) their colours,
+    opacities, counts and bounds.
+    """
     real = wp.float64
     Scene = halves.Scene
+    sharp = halves.march.sharp
     double = make_double(halves)
     begin, stride, more = (make_strides if halves.march.ticks and halves.vectors else make_gathered)(CELLS)
     cubics = halves.field.cubics(halves.vectors, CELLS)
     measure, compose = make_packet() if halves.vectors else make_single()
+    # What rounding does to a scalar beside jumps and on steep slopes is counted in double precision only.
+    lanes = halves.vectors and not sharp
+    centered = halves.field.centered_of(CELLS)
+    cut = make_crossings()
+
+    sizes = (160 * rays, 8 * CELLS * rays, 16 * CELLS * rays, 24 * CELLS * rays, 4 * CELLS * rays)
+    sizes += (28 * CELLS, 64 + 4 * JOBS, 40 * JOBS)
+    at = wp.constant(wp.types.vector(len(sizes), int)(*(sum(sizes[:n]) for n in range(len(sizes)))))
+    assert sum(sizes) <= SCRATCH
+
+    @wp.func
+    def march(scene: Scene, lines: wp.array2d(dtype=real), results: wp.array2d(dtype=real)):
+        one = real(1.0)
+        clear = one - scene.opaque
+        # Of each ray its walk, the cells that it found, how many, and how many of those are composed.
+        state = wp.array(ptr=scene.march.scratch + wp.uint64(at[0]), shape=(rays, 20), dtype=real)
+        cells = wp.array(ptr=scene.march.scratch + wp.uint64(at[1]), shape=(rays, CELLS), dtype=wp.uint64)
+        times = wp.array(ptr=scene.march.scratch + wp.uint64(at[2]), shape=(rays, 2, CELLS), dtype=real)
+        found = wp.array(ptr=scene.march.scratch + wp.uint64(at[3]), shape=(rays, 6, CELLS), dtype=wp.float32)
+        row = wp.array(ptr=scene.march.scratch + wp.uint64(at[4]), shape=(rays, CELLS), dtype=int)
+        bad = wp.zeros(shape=(rays,), dtype=wp.uint64)
+        sums = wp.zeros(shape=(rays, 5), dtype=real)
+        number = wp.zeros(shape=(rays,), dtype=int)
+        done = wp.zeros(shape=(rays,), dtype=int)
+        going = wp.zeros(shape=(rays,), dtype=int)
+        waiting = wp.zeros(shape=(rays,), dtype=int)
+        counts = wp.zeros(shape=(rays,), dtype=int)
+        cubic = wp.array(ptr=scene.march.scratch + wp.uint64(at[5]), shape=(7, CELLS), dtype=wp.float32)
+        # And those that are cut.
+        whose = wp.array(ptr=scene.march.scratch + wp.uint64(at[6]), shape=(1 + JOBS,), dtype=int)
+        middle = wp.array(ptr=scene.march.scratch + wp.uint64(at[7]), shape=(5, JOBS), dtype=real)
+        spend = wp.vec3(wp.float32(scene.march.cell), wp.float32(scene.march.along), wp.float32(scene.march.brightest))
+        # Further than what single precision has room for (S1): all is in double, which counts it.
+        astray = bool(False)
+        if wp.static(sharp):
+            astray = scene.view.astray > real(ASTRAY)
+        last = int(rays)
+        for r in range(last):
+            if lines[r, 7] > lines[r, 6]:
+                origin = wp.vec3d(lines[r, 0], lines[r, 1], lines[r, 2])
+                d = wp.vec3d(lines[r, 3], lines[r, 4], lines[r, 5])
+                if begin(scene.field.last, origin, d, lines[r, 6], lines[r, 7], state, r):
+                    going[r] = 1
+        m = int(1)
+        while m > 0:
+            # Each ray goes on until it has cells that are to be cut, or ends.
+            m = int(0)
+            for r in range(last):
+                origin = wp.vec3d(lines[r, 0], lines[r, 1], lines[r, 2])
+                d = wp.vec3d(lines[r, 3], lines[r, 4], lines[r, 5])
+                n = done[r]
+                end = number[r]
+                T = one - sums[r, 3]
+                waits = bool(False)
+                ready = bool(waiting[r] != 0)
+                while T >= clear and not waits and (n < end or going[r] != 0):
+                    if n >= end:
+                        counts[r] = counts[r] + end
+                        n = 0
+                        end = stride(scene.blocks, scene.march.octants, lines[r, 6], state, cells, times, r)
+                        going[r] = wp.where(more(state, r), 1, 0)
+                        bad[r] = wp.uint64(0)
+                        if end > 0:
+                            cubics(scene.field, origin, d, cells, times, r, end, cubic)
+                            some = wp.vec2i(r, end)
+                            bad[r] = measure(scene.march.rows, scene.blocks, spend, cells, some, cubic, found, row)
+                        if astray:
+                            bad[r] = ~wp.uint64(0)
+                    if n < end and not ready:
+                        these = (bad[r] >> wp.uint64(n)) & wp.uint64(wp.static(2**LANES - 1))
+                        if these != wp.uint64(0):
+                            # What the ray was allowed so far and has not spent.
+                            left = scene.march.cell * sums[r, 3] + scene.march.along * (times[r, 0, n] - lines[r, 6])
+                            left = real(0.999) * (left - sums[r, 4]) / T
+                            if astray:
+                                left = -FAR
+                            l = int(n)
+                            while these != wp.uint64(0) and l < end:
+                                if (these & wp.uint64(1)) != wp.uint64(0):
+                                    long = times[r, 1, l] - times[r, 0, l]
+                                    share = scene.march.cell * real(found[r, 1, l]) + scene.march.along * long
+                                    over = real(found[r, 4, l]) - share
+                                    if over <= real(LEFT) * left:
+                                        left -= over
+                                    else:
+                                        m += 1
+                                        whose[m] = r * CELLS + l
+                                        waits = True
+                                these = these >> wp.uint64(1)
+                                l += 1
+                    ready = bool(False)
+                    if n < end and not waits:
+                        compose(scene.march.rows, found, row, r, n, sums)
+                        n += LANES
+                        T = one - sums[r, 3]
+                waiting[r] = wp.where(waits, 1, 0)
+                done[r] = n
+                number[r] = end
+            whose[0] = m
+            if wp.static(lanes):
+                if m > 0:
+                    centered(scene.field, lines, cells, times, whose, middle)
+                    cut(scene.march.rows, scene.transfer, spend, middle, whose, found, row, counts)
+            for i in range(whose[0]):
+                r = whose[i + 1] // CELLS
+                l = whose[i + 1] - r * CELLS
+                origin = wp.vec3d(lines[r, 0], lines[r, 1], lines[r, 2])
+                d = wp.vec3d(lines[r, 3], lines[r, 4], lines[r, 5])
+                segment, error, pieces = double(scene, origin, d, cells[r, l], times[r, 0, l], times[r, 1, l])
+                A = wp.min(segment[3], one)
+                found[r, 0, l] = depth_of(A)
+                found[r, 1, l] = wp.float32(A)
+                found[r, 2, l] = wp.float32(segment[0])
+                found[r, 3, l] = wp.float32(segment[1])
+                found[r, 4, l] = wp.float32(error)
+                found[r, 5, l] = wp.float32(segment[2])
+                row[r, l] = -1
+                counts[r] = counts[r] + pieces
+        for r in range(last):
+            T = one - sums[r, 3]
+            counts[r] = counts[r] + wp.min(done[r], number[r])
+            bound = sums[r, 4] + sums[r, 3] * scene.march.tinted + real(counts[r]) * scene.march.sum
+            if going[r] != 0 or done[r] < number[r] or (wp.static(halves.cuts.any) and T < clear):
+                # What is behind is not visited; nor is, of a ray that is cut, what is behind this stretch.
+                bound += wp.max(T, real(0.0)) * scene.march.brightest
+            if scene.stretch == 0:
+                # Of the ray as a whole.
+                bound += scene.march.veiled
+                if not wp.static(sharp):
+                    bound += wp.max(scene.view.astray - scene.march.allowed, real(0.0)) * scene.march.astray
+            for a in range(4):
+                results[r, a] = sums[r, a]
+            results[r, 4] = real(counts[r])
+            results[r, 5] = bound
+
+    return march
+
+
+@cache
+def make_packed(halves):
+    """The march of one ray, as of ``scene``."""
+    real = wp.float64
+    Scene = halves.Scene
+    rays = make_rays(halves, 1)
 
     @wp.func
     def march(scene: Scene, origin: wp.vec3d, d: wp.vec3d, start: real, end: real):
-        one = real(1.0)
-        clear = one - scene.opaque
-        state = wp.zeros(shape=(16,), dtype=real)
-        cells = wp.zeros(shape=(CELLS,), dtype=wp.uint64)
-        times = wp.zeros(shape=(2, CELLS), dtype=real)
-        cubic = wp.zeros(shape=(7, CELLS), dtype=wp.float32)
-        found = wp.zeros(shape=(6, CELLS), dtype=wp.float32)
-        row = wp.zeros(shape=(CELLS,), dtype=int)
-        sums = wp.zeros(shape=(5,), dtype=real)
-        spend = wp.vec3(wp.float32(scene.march.cell), wp.float32(scene.march.along), wp.float32(scene.march.brightest))
-        count = int(0)
-        done = int(0)
-        n = int(0)
-        T = one
-        # Further than what single precision has room for (S1): all is in double, which counts it.
-        astray = bool(False)
-        if wp.static(halves.march.sharp):
-            astray = scene.view.astray > real(ASTRAY)
-        going = begin(scene.field.last, origin, d, start, end, state)
-        while going and T >= clear:
-            n = stride(scene.blocks, scene.march.octants, start, state, cells, times)
-            going = more(state)
-            bad = wp.uint64(0)
-            if n > 0:
-                cubics(scene.field, origin, d, cells, times, n, cubic)
-                bad = measure(scene.march.rows, scene.blocks, spend, cells, n, cubic, found, row)
-            if astray:
-                bad = ~wp.uint64(0)
-            done = int(0)
-            while done < n and T >= clear:
-                these = (bad >> wp.uint64(done)) & wp.uint64(wp.static(2**LANES - 1))
-                # What the ray was allowed so far and has not spent.
-                left = scene.march.cell * sums[3] + scene.march.along * (times[0, done] - start) - sums[4]
-                left = real(0.999) * left / T
-                if astray:
-                    left = -FAR
-                l = int(done)
-                while these != wp.uint64(0) and l < n:
-                    if (these & wp.uint64(1)) != wp.uint64(0):
-                        share = scene.march.cell * real(found[1, l]) + scene.march.along * (times[1, l] - times[0, l])
-                        over = real(found[4, l]) - share
-                        if over <= real(LEFT) * left:
-                            left -= over
-                        else:
-                            segment, error, pieces = double(scene, origin, d, cells[l], times[0, l], times[1, l])
-                            count += pieces
-                            A = wp.min(segment[3], one)
-                            found[0, l] = depth_of(A)
-                            found[1, l] = wp.float32(A)
-                            found[2, l] = wp.float32(segment[0])
-                            found[3, l] = wp.float32(segment[1])
-                            found[4, l] = wp.float32(error)
-                            found[5, l] = wp.float32(segment[2])
-                            row[l] = -1
-                    these = these >> wp.uint64(1)
-                    l += 1
-                compose(scene.march.rows, found, row, done, sums)
-                done += LANES
-                T = one - sums[3]
-            count += wp.min(done, n)
-        bound = sums[4] + sums[3] * scene.march.tinted + real(count) * scene.march.sum
-        if going or done < n or (wp.static(halves.cuts.any) and T < clear):
-            # What is behind is not visited; nor is, of a ray that is cut, what is behind this stretch.
-            bound += wp.max(T, real(0.0)) * scene.march.brightest
-        if scene.stretch == 0:
-            # Of the ray as a whole.
-            bound += scene.march.veiled
-            if not wp.static(halves.march.sharp):
-                bound += wp.max(scene.view.astray - scene.march.allowed, real(0.0)) * scene.march.astray
-        return wp.vec4d(sums[0], sums[1], sums[2], sums[3]), count, bound
+        lines = wp.zeros(shape=(1, 8), dtype=real)
+        results = wp.zeros(shape=(1, 6), dtype=real)
+        for a in range(3):
+            lines[0, a] = origin[a]
+            lines[0, 3 + a] = d[a]
+        lines[0, 6] = start
+        lines[0, 7] = end
+        rays(scene, lines, results)
+        color = wp.vec4d(results[0, 0], results[0, 1], results[0, 2], results[0, 3])
+        return color, int(results[0, 4]), results[0, 5]
 
     return march

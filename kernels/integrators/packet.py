@@ -29,17 +29,65 @@ auto fading = [](vf y) -> vf {
 };
 """
 
+SERIES = """
+// Opacity and V of a straight piece, and what the series leaves out in parts of R where it is nowhere negative (S5).
+struct Thin {
+    vf A, V, rest;
+};
+auto series = [&](vf m1, vf m2, vf m3, vf ww, vf x, vf g) -> Thin {
+    const vf vw = m1 * (2.0f / 3) + m3 * 0.4f, vww = m2 * (m1 * (16.0f / 45) + m3 * (32.0f / 105));
+    const vf wwW = m1 * m1 * (m1 * (2.0f / 15) + m3 * (22.0f / 105))
+        + m2 * m2 * (m1 * (8.0f / 135) + m3 * (8.0f / 189)) + m3 * m3 * (m1 * (38.0f / 315) + m3 * (2.0f / 77));
+    const vf a = 0.5f * x, ea = fading(a), aa = a * a, xe = x * ea;
+    const vf more = xe * (aa * (1.0f / 6 + aa * (1.0f / 120 + aa * (1.0f / 5040 + aa * (1.0f / 362880)))));
+    const vf A = x < 2.0f ? xe + more : 1.0f - ea * ea;
+    return {A, ea * (g * (ww + g * wwW - a * vww) - aa * vw), x < 2.0f ? more : A - xe};
+};
+"""
+
+# Numbers 0 to 7 of sixteen rows of which each is sixteen, at a time.
+COLUMNS = """
+#define LO32(x, y) __builtin_shufflevector(x, y, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29)
+#define HI32(x, y) __builtin_shufflevector(x, y, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31)
+#define LO64(x, y) __builtin_shufflevector(x, y, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29)
+#define HI64(x, y) __builtin_shufflevector(x, y, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31)
+#define LO128(x, y) __builtin_shufflevector(x, y, 0, 1, 2, 3, 16, 17, 18, 19, 8, 9, 10, 11, 24, 25, 26, 27)
+#define HI128(x, y) __builtin_shufflevector(x, y, 4, 5, 6, 7, 20, 21, 22, 23, 12, 13, 14, 15, 28, 29, 30, 31)
+auto columns = [](const float* from, const int* which, vf* to) {
+    v8f q[16];
+    vf a[8], b[8], c[8];
+    for (int l = 0; l < 16; ++l) q[l] = *(const v8f*)(from + 16 * (int64_t)which[l]);
+    for (int l = 0; l < 8; ++l) a[l] = JOIN(q[l], q[l + 8]);
+    for (int l = 0; l < 8; l += 2) {
+        b[l] = LO32(a[l], a[l + 1]);
+        b[l + 1] = HI32(a[l], a[l + 1]);
+    }
+    for (int l = 0; l < 8; l += 4) {
+        c[l] = LO64(b[l], b[l + 2]);
+        c[l + 1] = HI64(b[l], b[l + 2]);
+        c[l + 2] = LO64(b[l + 1], b[l + 3]);
+        c[l + 3] = HI64(b[l + 1], b[l + 3]);
+    }
+    for (int l = 0; l < 4; ++l) {
+        to[l] = LO128(c[l], c[l + 4]);
+        to[l + 4] = HI128(c[l], c[l + 4]);
+    }
+};
+"""
+
 MEASURE = (
     VECTORS
     + FADING
+    + SERIES
+    + COLUMNS
     + """
 const float* __restrict table = rows.row.data;
 const int* __restrict bins = rows.bins.data;
 const double* __restrict knots = rows.knots.data;
 const int16_t* __restrict kinds = blocks.kinds.data;
-const uint64_t* __restrict place = cells.data;
-const int nbins = rows.bins.shape[0], levels = rows.levels, fitted = rows.fitted;
+const int ray = some[0], n = some[1], nbins = rows.bins.shape[0], levels = rows.levels, fitted = rows.fitted;
 const float share = spend[0], absolute = spend[1], bright = spend[2];
+const uint64_t* __restrict place = cells.data + ray * CELLS;
 const int padded = (n + 15) & -16;
 uint64_t bad = 0;
 int last = -1;
@@ -49,8 +97,8 @@ for (int u = 0; u < padded; u += 16) {
     const vf m2 = *(const vf*)(of + 3 * CELLS), m3 = *(const vf*)(of + 4 * CELLS), h = *(const vf*)(of + 5 * CELLS);
     const vf blur = *(const vf*)(of + 6 * CELLS), L = h + h;
     const vf R = ABS(m1) + ABS(m2) * (2.0f / 3) + ABS(m3), s = base + mean;
-    int* r = row.data + u;
-    float* out = found.data + u;
+    int* r = row.data + ray * CELLS + u;
+    float* out = found.data + ray * 6 * CELLS + u;
     auto fit = [&]() -> vi {  // the smallest window that may hold the cell
         const vi j = MIN((((vi)MAX((R + blur) * rows.least, zero + 1.0f) + 0x7fffff) >> 23) - 127, (vi){} + levels);
         const vf q = MIN(MAX((s - rows.low) * rows.fine, zero), zero + (float)((1 << levels) - 1));
@@ -62,28 +110,9 @@ for (int u = 0; u < padded; u += 16) {
         t2 = zero + a[4]; dt = zero + a[5]; dc = zero + a[6]; steep = zero + a[7];
     };
     auto fetch = [&]() {
-        v8f q[16];
-        vf a[8], b[8], c[8];
-        for (int l = 0; l < 16; ++l) q[l] = *(const v8f*)(table + 16 * (int64_t)r[l]);
-        for (int l = 0; l < 8; ++l) a[l] = JOIN(q[l], q[l + 8]);
-#define LO32(x, y) __builtin_shufflevector(x, y, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29)
-#define HI32(x, y) __builtin_shufflevector(x, y, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31)
-#define LO64(x, y) __builtin_shufflevector(x, y, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29)
-#define HI64(x, y) __builtin_shufflevector(x, y, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31)
-#define LO128(x, y) __builtin_shufflevector(x, y, 0, 1, 2, 3, 16, 17, 18, 19, 8, 9, 10, 11, 24, 25, 26, 27)
-#define HI128(x, y) __builtin_shufflevector(x, y, 4, 5, 6, 7, 20, 21, 22, 23, 12, 13, 14, 15, 28, 29, 30, 31)
-        for (int l = 0; l < 8; l += 2) {
-            b[l] = LO32(a[l], a[l + 1]);
-            b[l + 1] = HI32(a[l], a[l + 1]);
-        }
-        for (int l = 0; l < 8; l += 4) {
-            c[l] = LO64(b[l], b[l + 2]);
-            c[l + 1] = HI64(b[l], b[l + 2]);
-            c[l + 2] = LO64(b[l + 1], b[l + 3]);
-            c[l + 3] = HI64(b[l + 1], b[l + 3]);
-        }
-        center = LO128(c[0], c[4]); width = LO128(c[1], c[5]); t0 = LO128(c[2], c[6]); t1 = LO128(c[3], c[7]);
-        t2 = HI128(c[0], c[4]); dt = HI128(c[1], c[5]); dc = HI128(c[2], c[6]); steep = HI128(c[3], c[7]);
+        vf c[8];
+        columns(table, r, c);
+        center = c[0]; width = c[1]; t0 = c[2]; t1 = c[3]; t2 = c[4]; dt = c[5]; dc = c[6]; steep = c[7];
     };
     vf off, delta;
     vi good;
@@ -119,19 +148,15 @@ for (int u = 0; u < padded; u += 16) {
     }
     for (bool again = true;; again = false) {
         const vf ww = m1 * (m1 * (2.0f / 3) + m3 * 0.8f) + m2 * m2 * (8.0f / 45) + m3 * m3 * (2.0f / 7);
-        const vf vw = m1 * (2.0f / 3) + m3 * 0.4f, vww = m2 * (m1 * (16.0f / 45) + m3 * (32.0f / 105));
-        const vf wwW = m1 * m1 * (m1 * (2.0f / 15) + m3 * (22.0f / 105))
-            + m2 * m2 * (m1 * (8.0f / 135) + m3 * (8.0f / 189)) + m3 * m3 * (m1 * (38.0f / 315) + m3 * (2.0f / 77));
         const vf slope = t1 + 2.0f * off * t2;
         const vf x = MAX(L * (t0 + off * (t1 + off * t2) + t2 * (0.5f * ww)), zero);
-        const vf a = 0.5f * x, g = h * slope, ea = fading(a), aa = a * a;
-        const vf sinh = 1.0f + aa * (1.0f / 6 + aa * (1.0f / 120 + aa * (1.0f / 5040 + aa * (1.0f / 362880))));
-        const vf A = x < 2.0f ? x * ea * sinh : 1.0f - ea * ea;
-        const vf V = ea * (g * (ww + g * wwW - a * vww) - aa * vw);
+        const vf a = 0.5f * x, g = h * slope;
+        const Thin thin = series(m1, m2, m3, ww, x, g);
+        const vf A = thin.A, V = thin.V;
         // Behind the series (S5, S6).
         const vf G = ABS(g) * R, Q = h * ABS(t2) * (R * R), P = G + Q, aP = a + P;
         const vi straight = (t2 == 0.0f) & (G <= a * (1.0f + SIGN_ULPS));
-        const vf rest = straight ? MIN(aa * a * (1.0f / 3), A) : Q * (3.3f + 2.0f * aP) + 1.65f * (aP * aP * aP);
+        const vf rest = straight ? thin.rest : Q * (3.3f + 2.0f * aP) + 1.65f * (aP * aP * aP);
         // And nothing may overflow (S9).
         good &= (straight | (P < 0.5f)) & (R < WIDEST) & (a < DEEPEST);
         // All that the cell is off by (S7, S8).
@@ -175,7 +200,10 @@ for (int u = 0; u < padded; u += 16) {
             }
         }
         if (other) continue;
-        for (int l = 0; l < 16; ++l) bad |= (uint64_t)(fine[l] == 0) << (u + l);
+        const auto left = __builtin_convertvector(fine == 0, b16);
+        uint16_t bits;
+        __builtin_memcpy(&bits, &left, 2);
+        bad |= (uint64_t)bits << u;
         break;
     }
 }
@@ -189,8 +217,8 @@ COMPOSE = (
     + FADING
     + """
 const float* __restrict table = rows.row.data;
-const float* in = found.data + first;
-const int* r = row.data + first;
+const float* in = found.data + ray * 6 * CELLS + first;
+const int* r = row.data + ray * CELLS + first;
 const vf x = *(const vf*)in, A = *(const vf*)(in + CELLS), V = *(const vf*)(in + 2 * CELLS);
 const vf off = *(const vf*)(in + 3 * CELLS), e = *(const vf*)(in + 4 * CELLS);
 // Transparency before each: prefix sums of depth (S11).
@@ -233,7 +261,7 @@ if (__builtin_reduce_and(k == k[0]) && k[0] >= 0) {
     }
     color += other;
 }
-double* total = sums.data;
+double* total = sums.data + 5 * ray;
 const double clear = 1.0 - total[3];
 for (int n = 0; n < 3; ++n) total[n] += clear * color[n];
 total[3] += clear * sum(TA);
@@ -258,20 +286,21 @@ def make_packet():
         rows: Rows,
         blocks: Blocks,
         spend: wp.vec3,
-        cells: wp.array(dtype=wp.uint64),
-        n: int,
+        cells: wp.array2d(dtype=wp.uint64),
+        some: wp.vec2i,
         cubic: wp.array2d(dtype=wp.float32),
-        found: wp.array2d(dtype=wp.float32),
-        row: wp.array(dtype=int),
+        found: wp.array3d(dtype=wp.float32),
+        row: wp.array2d(dtype=int),
     ) -> wp.uint64: ...
 
     @wp.func_native(_filled(COMPOSE))
     def compose(
         rows: Rows,
-        found: wp.array2d(dtype=wp.float32),
-        row: wp.array(dtype=int),
+        found: wp.array3d(dtype=wp.float32),
+        row: wp.array2d(dtype=int),
+        ray: int,
         first: int,
-        sums: wp.array(dtype=wp.float64),
+        sums: wp.array2d(dtype=wp.float64),
     ): ...
 
     return measure, compose

@@ -46,8 +46,9 @@ class Measured:
 
 @cache
 def make_single():
-    """``measure(rows, blocks, spend, cells, n, cubic, found, row)`` -> bits of those of n cells that are left to
-    others, and ``compose(rows, found, row, first, sums)``.
+    """Of several rays, each by its number: ``measure(rows, blocks, spend, cells, some, cubic, found, row)`` -> bits of
+    those cells that are left to others, ``some`` being a ray and how many it has, and
+    ``compose(rows, found, row, ray, first, sums)``.
 
     ``spend`` is what a cell may be off by, in parts of its opacity and of its length, and the brightest colour;
     ``cells`` and ``cubic`` are as of ``field.cubics``. ``found`` has depth, opacity, V, off and the bound of each cell,
@@ -95,7 +96,15 @@ def make_single():
         P = G + Q
         good = sure or wp.abs(off) + (R + delta) <= rows.row[r, 1]
         good = good and R < real(WIDEST) and a < real(DEEPEST)
-        rest = wp.min(a * a * a * real(wp.static(1.0 / 3.0)), A)
+        rest = A - x * ea
+        if x < real(2.0):
+            aa = a * a
+            more = (
+                real(wp.static(1.0 / 120.0))
+                + aa * real(wp.static(1.0 / 5040.0))
+                + aa * aa * real(wp.static(1.0 / 362880.0))
+            )
+            rest = x * ea * aa * (real(wp.static(1.0 / 6.0)) + aa * more)
         if t2 != real(0.0) or G > a * real(wp.static(1.0 + SIGN_ULPS)):
             good = good and P < real(0.5)
             rest = Q * (real(3.3) + real(2.0) * (a + P)) + real(1.65) * (a + P) * (a + P) * (a + P)
@@ -123,12 +132,14 @@ def make_single():
         rows: Rows,
         blocks: Blocks,
         spend: wp.vec3,
-        cells: wp.array(dtype=wp.uint64),
-        n: int,
+        cells: wp.array2d(dtype=wp.uint64),
+        some: wp.vec2i,
         cubic: wp.array2d(dtype=real),
-        found: wp.array2d(dtype=real),
-        row: wp.array(dtype=int),
+        found: wp.array3d(dtype=real),
+        row: wp.array2d(dtype=int),
     ):
+        ray = some[0]
+        n = some[1]
         bad = wp.uint64(0)
         last = (n + 15) & ~15
         for l in range(last):
@@ -156,7 +167,7 @@ def make_single():
                     r = rows.fitted + ((2 << rows.levels) - ((2 << rows.levels) >> level)) + (int(at) >> level)
                 best = by_row(rows, r, spend, cubic, l, False)
                 # Of a block in one interval, or a cell of equal corners, all that is seen is in it.
-                place = cells[wp.min(l, n - 1)]
+                place = cells[ray, wp.min(l, n - 1)]
                 k = int(place >> wp.uint64(44))
                 j = int((place >> wp.uint64(23)) & wp.uint64(0x7FFFF))
                 i = int((place >> wp.uint64(2)) & wp.uint64(0x7FFFF))
@@ -168,12 +179,12 @@ def make_single():
                 if not best.fine and kind >= 0 and kind != r:
                     r = kind
                     best = by_row(rows, r, spend, cubic, l, True)
-            row[l] = r
-            found[0, l] = best.x
-            found[1, l] = best.A
-            found[2, l] = best.V
-            found[3, l] = best.off
-            found[4, l] = best.e
+            row[ray, l] = r
+            found[ray, 0, l] = best.x
+            found[ray, 1, l] = best.A
+            found[ray, 2, l] = best.V
+            found[ray, 3, l] = best.off
+            found[ray, 4, l] = best.e
             if not best.fine:
                 bad |= wp.uint64(1) << wp.uint64(l)
         return bad
@@ -181,26 +192,27 @@ def make_single():
     @wp.func
     def compose(
         rows: Rows,
-        found: wp.array2d(dtype=wp.float32),
-        row: wp.array(dtype=int),
+        found: wp.array3d(dtype=wp.float32),
+        row: wp.array2d(dtype=int),
+        ray: int,
         first: int,
-        sums: wp.array(dtype=wp.float64),
+        sums: wp.array2d(dtype=wp.float64),
     ):
-        clear = wp.float64(1.0) - sums[3]
+        clear = wp.float64(1.0) - sums[ray, 3]
         depth = real(0.0)
         for n in range(LANES):
             l = first + n
             T = clear * wp.float64(wp.exp(-depth))
-            TA = T * wp.float64(found[1, l])
-            TV = T * wp.float64(found[2, l]) + TA * wp.float64(found[3, l])
-            r = row[l]
+            TA = T * wp.float64(found[ray, 1, l])
+            TV = T * wp.float64(found[ray, 2, l]) + TA * wp.float64(found[ray, 3, l])
+            r = row[ray, l]
             for c in range(3):
                 if r >= 0:
-                    sums[c] += TA * wp.float64(rows.row[r, 8 + c]) + TV * wp.float64(rows.row[r, 12 + c])
+                    sums[ray, c] += TA * wp.float64(rows.row[r, 8 + c]) + TV * wp.float64(rows.row[r, 12 + c])
                 else:
-                    sums[c] += T * wp.float64(found[wp.where(c < 2, c + 2, 5), l])
-            sums[3] += TA
-            sums[4] += T * wp.float64(found[4, l]) * wp.float64(1.00001)
-            depth += found[0, l]
+                    sums[ray, c] += T * wp.float64(found[ray, wp.where(c < 2, c + 2, 5), l])
+            sums[ray, 3] += TA
+            sums[ray, 4] += T * wp.float64(found[ray, 4, l]) * wp.float64(1.00001)
+            depth += found[ray, 0, l]
 
     return measure, compose

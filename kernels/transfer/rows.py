@@ -14,5 +14,6 @@ class Rows:
     scale: wp.float32  # bins per scalar
     fine: wp.float32  # narrowest windows per scalar
     least: wp.float32  # one over the R that surely fits into a narrowest window
+    narrow: wp.float32  # intervals are wider that those beside them know what is beyond their ends
     levels: int  # windows of level j are 2^j times as wide as the narrowest
     fitted: int  # the first of them

@@ -15,8 +15,10 @@ from wvr.kernels.field.blocks import Blocks
 from wvr.kernels.field.grid import Grid
 from wvr.kernels.field.samples import make_samples
 from wvr.kernels.field.strides import make_gathered, make_octants, make_strides
+from wvr.kernels.integrators.crossings import JOBS, make_crossings
 from wvr.kernels.integrators.packet import make_packet
 from wvr.kernels.integrators.single import CELLS, LANES, make_single
+from wvr.kernels.transfer.function import make_transfer
 from wvr.kernels.transfer.rows import Rows
 from wvr.launch import get_device
 from wvr.transfer.function import Transfer, struct_of, transfer_values
@@ -25,6 +27,8 @@ from wvr.transfer.rows import rows
 from ..scenes import transfer_functions
 
 SHARE = (1e-3, 1e-5, 1.0)
+# The second of two.
+RAY = 1
 
 
 def evaluated(table, s):
@@ -96,29 +100,29 @@ def kernel(vectors, dtype, flags=None):
         spend: wp.vec3,
         origin: wp.vec3d,
         d: wp.vec3d,
-        cells: wp.array(dtype=wp.uint64),
-        times: wp.array2d(dtype=wp.float64),
+        cells: wp.array2d(dtype=wp.uint64),
+        times: wp.array3d(dtype=wp.float64),
         n: int,
         cubic: wp.array2d(dtype=wp.float32),
-        found: wp.array2d(dtype=wp.float32),
-        row: wp.array(dtype=int),
+        found: wp.array3d(dtype=wp.float32),
+        row: wp.array2d(dtype=int),
         bad: wp.array(dtype=wp.uint64),
-        sums: wp.array(dtype=wp.float64),
+        sums: wp.array2d(dtype=wp.float64),
     ):
-        cubics(field, origin, d, cells, times, n, cubic)
-        bad[0] = measure(rows, blocks, spend, cells, n, cubic, found, row)
+        cubics(field, origin, d, cells, times, RAY, n, cubic)
+        bad[0] = measure(rows, blocks, spend, cells, wp.vec2i(RAY, n), cubic, found, row)
         for l in range(n):
             if (bad[0] >> wp.uint64(l)) & wp.uint64(1) != wp.uint64(0):
                 # As somebody else would.
-                row[l] = -1
-                found[0, l] = wp.float32(0.5)
-                found[1, l] = wp.float32(0.39346934)
-                found[2, l] = wp.float32(0.1)
-                found[3, l] = wp.float32(0.2)
-                found[4, l] = wp.float32(1e-5)
-                found[5, l] = wp.float32(0.3)
+                row[RAY, l] = -1
+                found[RAY, 0, l] = wp.float32(0.5)
+                found[RAY, 1, l] = wp.float32(0.39346934)
+                found[RAY, 2, l] = wp.float32(0.1)
+                found[RAY, 3, l] = wp.float32(0.2)
+                found[RAY, 4, l] = wp.float32(1e-5)
+                found[RAY, 5, l] = wp.float32(0.3)
         for first in range(0, n, LANES):
-            compose(rows, found, row, first, sums)
+            compose(rows, found, row, RAY, first, sums)
 
     return measured
 
@@ -142,23 +146,23 @@ def measured(vectors, data, tf, seed, flags=None):
     d /= np.abs(d).max()
     # A ray that passes the middle of some cells, as cells that it really sees need not be neighbours.
     n = int(rng.integers(1, CELLS + 1))
-    places, times = np.zeros(CELLS, np.uint64), np.zeros((2, CELLS))
+    places, times = np.zeros((2, CELLS), np.uint64), np.zeros((2, 2, CELLS))
     origin = rng.uniform(1, np.array(data.shape[::-1]) - 2)
     t = np.sort(rng.uniform(0, 4, n + 1))
     for l in range(n):
         middle = origin + (t[l] + t[l + 1]) / 2 * d
         cell = np.clip(np.floor(middle), 0, np.array(data.shape[::-1]) - 2).astype(int)
-        places[l] = cell[0] | cell[1] << 21 | cell[2] << 42
+        places[RAY, l] = cell[0] | cell[1] << 21 | cell[2] << 42
         long = min(t[l + 1] - t[l], 0.5)
-        times[:, l] = (t[l] + t[l + 1]) / 2 + np.array([-0.5, 0.5]) * long
-    found, row = wp.zeros((6, CELLS), dtype=wp.float32, device="cpu"), wp.zeros(CELLS, dtype=int, device="cpu")
-    bad, sums = wp.zeros(1, dtype=wp.uint64, device="cpu"), wp.zeros(5, dtype=wp.float64, device="cpu")
+        times[RAY, :, l] = (t[l] + t[l + 1]) / 2 + np.array([-0.5, 0.5]) * long
+    found, row = wp.zeros((2, 6, CELLS), dtype=wp.float32, device="cpu"), wp.zeros((2, CELLS), dtype=int, device="cpu")
+    bad, sums = wp.zeros(1, dtype=wp.uint64, device="cpu"), wp.zeros((2, 5), dtype=wp.float64, device="cpu")
     blocks, cubic = Blocks(), wp.zeros((7, CELLS), dtype=wp.float32, device="cpu")
     blocks.kinds = wp.full(tuple(-(-(n - 1) // 4) for n in data.shape), -1, wp.int16, device="cpu")
     inputs = [field, blocks, struct, wp.vec3(*SHARE), wp.vec3d(*origin), wp.vec3d(*d), wp.array(places, device="cpu")]
     inputs += [wp.array(times, dtype=wp.float64, device="cpu"), n, cubic, found, row, bad, sums]
     wp.launch(kernel(vectors, dtype, flags), 1, inputs, device="cpu")
-    return cubic.numpy()[:, :n], found.numpy()[:, :n], row.numpy()[:n], int(bad.numpy()[0]), sums.numpy()
+    return cubic.numpy()[:, :n], found.numpy()[RAY, :, :n], row.numpy()[RAY, :n], int(bad.numpy()[0]), sums.numpy()[RAY]
 
 
 def volume_of(dtype, seed):
@@ -202,6 +206,130 @@ def test_vectors_say_what_warp_says(dtype, flags):
                 assert np.allclose(one[4], other[4], rtol=1e-5, atol=1e-6)
 
 
+@cache
+def cutter(flags):
+    cut = make_crossings()
+
+    @wp.kernel(enable_backward=False, module="unique", module_options={"cpu_compiler_flags": flags})
+    def cutting(
+        rows: Rows,
+        transfer: make_transfer(wp.float64)[0],
+        spend: wp.vec3,
+        cubic: wp.array2d(dtype=wp.float64),
+        which: wp.array(dtype=int),
+        found: wp.array3d(dtype=wp.float32),
+        row: wp.array2d(dtype=int),
+        pieces: wp.array(dtype=int),
+    ):
+        cut(rows, transfer, spend, cubic, which, found, row, pieces)
+
+    return cutting
+
+
+def cut_cells(tf, cubic, spend, flags):
+    """What ``cut`` makes of cubics (5, n), and which of them it leaves to others."""
+    n = cubic.shape[1]
+    transfer = struct_of(Keeper(get_device("cpu"))(Transfer(tf, 1.0, 0.0, "float64", False)))
+    table, bins, numbers = rows(tf.knots, transfer_values(tf, 1.0), 0.0, 1.0)
+    struct = Rows()
+    struct.row, struct.bins = wp.array(table, device="cpu"), wp.array(bins, dtype=int, device="cpu")
+    struct.knots = transfer.knot
+    for name, value in numbers.items():
+        setattr(struct, name, value)
+    given = np.zeros((5, JOBS))
+    given[:, :n] = cubic
+    # Behind each other in rays of their own.
+    which = wp.array(np.append(n, np.arange(n)[::-1]), dtype=int, device="cpu")
+    rays = -(-n // CELLS)
+    found, row = (
+        wp.zeros((rays, 6, CELLS), dtype=wp.float32, device="cpu"),
+        wp.zeros((rays, CELLS), dtype=int, device="cpu"),
+    )
+    pieces = wp.zeros(rays, dtype=int, device="cpu")
+    inputs = [struct, transfer, wp.vec3(*spend), wp.array(given, device="cpu"), which, found, row, pieces]
+    wp.launch(cutter(flags), 1, inputs, device="cpu")
+    assert np.all(row.numpy().ravel()[:n] == -1)
+    result = found.numpy().transpose(1, 0, 2).reshape(6, -1)[:, :n][:, ::-1].astype(float)
+    return result, n - 1 - which.numpy()[1 : 1 + which.numpy()[0]]
+
+
+def sampled(tf, cubic, n=20000):
+    """Depth, opacity and colours of cubics (5, m), sample by sample."""
+    v = (np.arange(n) + 0.5) * (2 / n) - 1
+    m = cubic[:4, :, None]
+    s = m[0] + v * (m[1] + v * (m[2] + v * m[3]))
+    values = transfer_values(tf, 1.0)
+    x = np.interp(s, tf.knots, values[:, 3]) * (2 * cubic[4] / n)[:, None]
+    depth = np.cumsum(x, axis=1)
+    weight = np.exp(-(depth - x)) * -np.expm1(-x)
+    color = [(weight * np.interp(s, tf.knots, values[:, c])).sum(axis=1) for c in range(3)]
+    return depth[:, -1], -np.expm1(-depth[:, -1]), np.array(color)
+
+
+@pytest.mark.parametrize("flags", [f for f in FLAGS if f != "AVX2"])
+def test_cut_cells_are_within_their_bounds(flags):
+    """Whatever is behind them: monotone or not, thin and thick, spikes, intervals with nothing to see."""
+    rng = np.random.default_rng(7)
+    spend, left_over, many = (1e-3, 1e-6, 1.0), 0, 0
+    for trial in range(12):
+        n = int(rng.choice([3, 5, 12, 40]))
+        x = np.sort(rng.random(n))
+        x = x[np.diff(x, prepend=-1) > 1e-3]
+        if trial % 3 == 0:
+            x = np.sort(np.concatenate([x, x + 4e-4 * (1 + rng.random(len(x)))]))
+        opacity = np.minimum(rng.random(len(x)) ** 3 * 10.0 ** rng.uniform(-2, 0.3), 0.999) * (rng.random(len(x)) < 0.7)
+        tf = wvr.TransferFunction.from_arrays(x, rng.random((len(x), 3)), opacity)
+        m = int(rng.integers(1, 70))
+        cubic = rng.normal(size=(5, m)) * 10.0 ** rng.uniform(-3, -0.5, (1, m))
+        cubic[0] = rng.random(m)
+        cubic[2:4] *= rng.choice([0, 0.05, 1], (2, m))
+        cubic[4] = rng.uniform(0.01, 0.9, m)
+        # Some that touch a control point where they turn, or have none of it.
+        cubic[0, ::9], cubic[1, ::9], cubic[3, ::9] = rng.choice(x, len(cubic[0, ::9])), 0, 0
+        cubic[1:4, ::13] = 0
+        found, left = cut_cells(tf, cubic, spend, FLAGS[flags])
+        _, A, color = sampled(tf, cubic)
+        here = np.setdiff1d(np.arange(m), left)
+        assert np.all(np.isfinite(found[:, here]))
+        e = found[4, here] + 2e-7
+        assert np.all(np.abs(found[1, here] - A[here]) <= e)
+        for c, mine in zip(color[:, here], found[[2, 3, 5]][:, here], strict=True):
+            for behind in (0.0, 1.0):
+                assert np.all(np.abs(mine - c + (A[here] - found[1, here]) * behind) <= e)
+        assert np.allclose(1 - np.exp(-found[0, here]), found[1, here], rtol=1e-5, atol=1e-7)
+        assert np.all(found[4, here] <= spend[0] * found[1, here] + 2 * spend[1] * cubic[4, here] + 1e-8)
+        left_over, many = left_over + len(left), many + m
+    assert left_over < 0.1 * many
+
+
+def test_cells_beside_a_jump_are_left_to_others():
+    tf = wvr.TransferFunction.from_arrays([0.2, 0.5, 0.5, 0.8], np.ones((4, 3)), [0.1, 0.2, 0.6, 0.3])
+    cubic = np.zeros((5, 3))
+    # Across the jump, next to it, and elsewhere.
+    cubic[0], cubic[1], cubic[4] = [0.5, 0.45, 0.85], [0.1, 0.02, 0.02], 0.5
+    assert sorted(cut_cells(tf, cubic, SHARE, None)[1]) == [0, 1]
+
+
+def test_a_line_drawn_too_far_may_fall_below_zero():
+    """S13: the series of a piece whose extinction is negative somewhere, by little, against quadrature."""
+    rng = np.random.default_rng(3)
+    v, weight = np.polynomial.legendre.leggauss(80)
+    for _ in range(2000):
+        m1, m2, m3 = rng.normal(size=3) * 10.0 ** rng.uniform(-2, 0)
+        R = abs(m1) + 2 / 3 * abs(m2) + abs(m3)
+        w = m1 * v + m2 * (v * v - 1 / 3) + m3 * v**3
+        W = m1 / 2 * (v * v - 1) + m2 / 3 * (v**3 - v) + m3 / 4 * (v**4 - 1)
+        a = 10.0 ** rng.uniform(-3, 0.7)
+        g = rng.choice([-1, 1]) * rng.uniform(0.5, 1.3) * a / max(-w.min(), w.max())
+        fall = max(0.0, -(a + g * w).min()) * 1.001
+        if fall > 0.25:
+            continue
+        true = np.exp(-a) * (weight * w * (a + g * w) * np.exp(-a * v - g * W)).sum()
+        series = np.exp(-a) * (weight * w * (a + g * w) * (1 - a * v - g * W)).sum()
+        x = 2 * a
+        assert abs(true - series) <= R * (-np.expm1(-x) - x * np.exp(-a)) + 6.6 * R * fall + 1e-13
+
+
 def test_octants_against_brute_force():
     rng = np.random.default_rng(0)
     masks = (rng.random((5, 7, 6)) < 0.06).astype(np.uint64)
@@ -233,18 +361,18 @@ def walker(make):
         counts: wp.array(dtype=int),
     ):
         ray = wp.tid()
-        state = wp.zeros(shape=(16,), dtype=wp.float64)
-        cells = wp.zeros(shape=(CELLS,), dtype=wp.uint64)
-        times = wp.zeros(shape=(2, CELLS), dtype=wp.float64)
+        state = wp.zeros(shape=(2, 20), dtype=wp.float64)
+        cells = wp.zeros(shape=(2, CELLS), dtype=wp.uint64)
+        times = wp.zeros(shape=(2, 2, CELLS), dtype=wp.float64)
         total = wp.int32(0)
-        going = begin(last, origins[ray], directions[ray], ends[ray][0], ends[ray][1], state)
+        going = begin(last, origins[ray], directions[ray], ends[ray][0], ends[ray][1], state, RAY)
         while going:
-            n = stride(blocks, octants, ends[ray][0], state, cells, times)
-            going = more(state)
+            n = stride(blocks, octants, ends[ray][0], state, cells, times, RAY)
+            going = more(state, RAY)
             for l in range(n):
-                places[ray, total] = cells[l]
-                starts[ray, total] = times[0, l]
-                stops[ray, total] = times[1, l]
+                places[ray, total] = cells[RAY, l]
+                starts[ray, total] = times[RAY, 0, l]
+                stops[ray, total] = times[RAY, 1, l]
                 total += 1
         counts[ray] = total
 

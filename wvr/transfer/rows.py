@@ -22,6 +22,8 @@ Floats = NDArray[np.float64]
 # Of the narrowest fitted windows there are 2^LEVELS; each level has half as many, twice as wide.
 LEVELS = 9
 BINS = 1024
+# Intervals that are so narrow, in parts of all scalars, are left to double precision, and so are those beside them.
+NARROW = 1e-6
 # Nodes that rows are fitted in.
 NODES = 12
 
@@ -55,7 +57,8 @@ def rows(knots: Floats, values: Floats, low: float, high: float) -> tuple[NDArra
     of the struct.
 
     A row is: middle and half width of its window; extinction ``t0 + t1 w + t2 w^2`` at w from the middle; the largest
-    deviation of extinction and of colour; the steepest colour; colour in the middle, 0, its slope, 0.
+    deviation of extinction and of colour; the steepest colour; colour in the middle and its slope, behind which are, of
+    an interval, what extinction and colour are off by where it is drawn a unit too far.
     """
     span = knots[-1] - knots[0] or max(high - low, abs(knots[0]), 1.0)
     begin, end = max(low, knots[0] - span / 64), min(high, knots[-1] + span / 64)
@@ -76,6 +79,7 @@ def rows(knots: Floats, values: Floats, low: float, high: float) -> tuple[NDArra
         "scale": scale,
         "fine": 1 / wide[0],
         "least": 0.5 / wide[0],
+        "narrow": (1 - 2.0**-20) * NARROW * (ends[-1] - ends[0]),
         "levels": LEVELS,
         "fitted": len(own),
     }
@@ -97,7 +101,16 @@ def _lines(ends: Floats, at: Floats) -> NDArray[np.float32]:
     off = np.zeros((2, len(width)))
     for end in range(2):
         off = np.maximum(off, _deviations(table, ends[end : len(width) + end] - middle, at[end : len(width) + end]))
-    return _closed(table, off)
+    table = _closed(table, off)
+    # What a line drawn a unit too far is off by (docs/proof-single.md, S13), of extinction with what that falls below
+    # 0. Beside intervals too narrow to say so, everything.
+    change = np.abs(np.diff(np.pad(slope, ((1, 1), (0, 0)), mode="edge"), axis=0))
+    change = np.maximum(change[:-1], change[1:])
+    narrow = width <= NARROW * (ends[-1] - ends[0])
+    beside = narrow | np.append(narrow[1:], False) | np.insert(narrow[:-1], 0, False)
+    table[:, 11] = np.where(beside, np.inf, change[:, 3] + np.abs(slope[:, 3])) * (1 + 2.0**-20)
+    table[:, 15] = np.where(beside, np.inf, change[:, :3].max(axis=1)) * (1 + 2.0**-20)
+    return table
 
 
 def _parabolas(ends: Floats, at: Floats, middle: Floats, half: Floats) -> NDArray[np.float32]:

@@ -1,0 +1,314 @@
+"""Cells in which the scalar reaches control points, in lanes: as ``packed.make_double`` has them, and why it holds.
+
+The cubic of a cell is cut where it turns into parts that rise or fall. A part goes through its intervals of the
+transfer function one by one, in a lane of its own; where the series does not hold for all of an interval, in as many
+steps as it takes. Where the scalar reaches a control point is found in double precision, what is between in single.
+Letters and numbers are those of docs/proof-single.md.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from ..transfer.function import make_transfer
+from ..transfer.rows import Rows
+from ..vectors import VECTORS
+from .packet import COLUMNS, FADING, SERIES
+from .single import CELLS, SERIES_ULPS, U
+
+# Cells at a time.
+JOBS = 256
+# Rounding of a scalar on a part, of how it is evaluated and of where it turns, in parts of its coefficients (S13).
+RIPPLE = 2.0**-46
+# Newton's method ends where a residual is so little, in parts of the scalars of a part.
+CLOSE = 1e-9
+# Rounding of a piece's numbers to single precision (S14), and of what a part comes to, in parts of its opacity (S15).
+ROUNDED = 2 * U
+ADDED = 64 * U
+# Of opacity (S14), in parts of it.
+OPACITY_ULPS = 16 * U
+# What a piece may be off by in any case, in parts of the brightest colour.
+LITTLE = 1e-11
+# Steps of a part, of which one more is left to others.
+STEPS = 48
+
+# Parts of cells that rise or fall.
+PARTS = """
+struct Part {
+    double m0, m1, m2, m3, h, begin, end;  // a cubic in v from -1 to 1, half the length, the scalar at its ends
+    int first, last, job;  // the first and the last interval, and the cell
+    bool inside;  // it ends in the last
+    float x, A, color[3], e, pieces;
+};
+const float* __restrict table = rows.row.data;
+const double* __restrict knots = rows.knots.data;
+const int *__restrict seen = transfer.visible.data, *__restrict bins = rows.bins.data;
+const auto *__restrict values = transfer.value.data, *__restrict slopes = transfer.slope.data;
+int* some = which.data;
+const int outer = rows.fitted - 1, nbins = rows.bins.shape[0];
+const float bright = spend[2], share = spend[0] - (ADDED) * bright, absolute = spend[1];
+const double low = rows.low, scale = rows.scale;
+auto interval = [&](double s) -> int {
+    double q = (s - low) * scale;
+    q = q > 0.0 ? q : 0.0;
+    int k = bins[q < nbins - 1 ? (int)q : nbins - 1];
+    while (k > 0 && s < knots[k]) --k;
+    while (k < outer && s >= knots[k + 1]) ++k;
+    return k;
+};
+Part parts[3 * JOBS];
+int number = 0;
+const int n = some[0];
+const double* of = cubic.data;
+for (int j = 0; j < n; ++j) {
+    const double m0 = of[j], m1 = of[JOBS + j], m2 = of[2 * JOBS + j], m3 = of[3 * JOBS + j], half = of[4 * JOBS + j];
+    if (!(fabs(m0) + fabs(m1) + fabs(m2) + fabs(m3) < 1e300)) continue;
+    double turn[3];
+    int turns = 0;
+    if (!(fabs(m1) > 2.0 * fabs(m2) + 3.0 * fabs(m3))) {
+        const double square = m2 * m2 - 3.0 * m3 * m1;
+        if (square > 0.0) {
+            const double root = -(m2 + (m2 < 0.0 ? -sqrt(square) : sqrt(square)));
+            const double a = fabs(m1) < fabs(root) ? m1 / root : 1.0;
+            const double b = fabs(root) < 3.0 * fabs(m3) ? root / (3.0 * m3) : 1.0;
+            turn[0] = a < b ? a : b;
+            turn[1] = a < b ? b : a;
+            turns = (turn[0] < 1.0) + (turn[1] < 1.0);
+        }
+    }
+    turn[turns] = 1.0;
+    double from = -1.0;
+    for (int i = 0; i <= turns; ++i) {
+        const double v = 0.5 * (from + turn[i]), w = 0.5 * (turn[i] - from), bend = m2 + 3.0 * v * m3;
+        from = turn[i];
+        Part& p = parts[number];
+        p.m0 = m0 + v * (m1 + v * (m2 + v * m3));
+        p.m1 = w * (m1 + v * (m2 + bend));
+        p.m2 = w * w * bend;
+        p.m3 = w * w * w * m3;
+        p.h = w * half;
+        p.begin = p.m0 - p.m1 + p.m2 - p.m3;
+        p.end = p.m0 + p.m1 + p.m2 + p.m3;
+        p.job = j;
+        // From the interval before the first with something to see, which it leaves where that begins, to the last.
+        const int a = interval(p.begin), b = interval(p.end), s = p.end > p.begin ? 1 : -1;
+        int first = a, last = b;
+        while (s * (b - first) >= 0 && seen[first] != first) first += s;
+        if (s * (b - first) < 0) continue;
+        while (seen[last] != last) last -= s;
+        p.first = first == a ? a : first - s;
+        p.last = last;
+        p.inside = last == b;
+        ++number;
+    }
+}
+"""
+
+CROSSINGS = """
+// Sixteen of them at a time: where each has got to, how far it may go at once, and what it has come to.
+alignas(64) double m[4][16] = {}, half[16] = {}, begin[16] = {}, end[16] = {}, sign[16], at[16], room[16], off_knot[16];
+alignas(64) double sum[5][16];
+alignas(64) float error[16], pieces_of[16];
+alignas(64) int k[16] = {}, last[16] = {}, inside[16] = {}, steps[16], part[16];
+int next = 0, busy = 0;
+auto take = [&](int l) {
+    part[l] = next < number ? next++ : -1;
+    const Part& p = parts[part[l] < 0 ? 0 : part[l]];
+    busy += part[l] >= 0;
+    // One without a part stays where it is.
+    const bool idle = part[l] < 0;
+    const double used = idle ? 0.0 : 1.0;
+    m[0][l] = used * p.m0; m[1][l] = used * p.m1; m[2][l] = used * p.m2; m[3][l] = used * p.m3;
+    half[l] = used * p.h; begin[l] = used * p.begin; end[l] = used * p.end;
+    sign[l] = p.end > p.begin ? 1.0 : -1.0;
+    at[l] = -1.0; room[l] = 2.0; off_knot[l] = 0.0;
+    k[l] = p.first; last[l] = idle ? p.first : p.last; inside[l] = -(int)(idle | p.inside); steps[l] = 0;
+    for (int i = 0; i < 5; ++i) sum[i][l] = 0.0;
+    error[l] = pieces_of[l] = 0.0f;
+};
+if (number) for (int l = 0; l < 16; ++l) take(l);
+while (busy) {
+    // Where they reach the control points at the ends of their intervals, or end themselves.
+    alignas(64) double exit[16], knot[16], value[16], rate[16];
+    for (int l = 0; l < 16; ++l) {
+        exit[l] = knots[MIN(k[l] + (sign[l] > 0.0), outer)];
+        knot[l] = knots[k[l]];
+        value[l] = values[k[l]].c[3];
+        rate[l] = slopes[k[l]].c[3];
+    }
+#define HALF(a) (*(const vd*)(a + 8 * b))
+#define HALF_OF(a) (*(vd*)(a + 8 * b))
+#define MASK(a) __builtin_convertvector(*(const v8i*)((const int*)&a + 8 * b), vq)
+    const vi on_last = *(const vi*)k == *(const vi*)last, ends = on_last & *(const vi*)inside;
+    vd v[2], F[2], stop[2];
+    for (int b = 0; b < 2; ++b) {
+        // From a parabola that has the slope at the start, and both ends.
+        const vd a = HALF(begin), s1 = HALF(m[1]) - 2.0 * HALF(m[2]) + 3.0 * HALF(m[3]);
+        const vd rise = HALF(exit) - a, square = s1 * s1 + (HALF(end) - a - 2.0 * s1) * rise;
+        const vd slope = s1 + HALF(sign) * __builtin_elementwise_sqrt(MAX(square, (vd){}));
+        v[b] = MASK(ends) ? (vd){} + 1.0 : MIN(MAX(2.0 * rise / slope - 1.0, HALF(at)), (vd){} + 1.0);
+    }
+    for (int i = 0;; ++i) {
+        vq far[2];
+        for (int b = 0; b < 2; ++b) {
+            const vd m1 = HALF(m[1]), m2 = HALF(m[2]), m3 = HALF(m[3]);
+            F[b] = MASK(ends) ? (vd){} : (HALF(m[0]) - HALF(exit)) + v[b] * (m1 + v[b] * (m2 + v[b] * m3));
+            far[b] = ABSD(F[b]) > CLOSE * ABSD(HALF(end) - HALF(begin));
+        }
+        if (!__builtin_reduce_or(far[0] | far[1]) || i == 6) break;
+        for (int b = 0; b < 2; ++b) {
+            const vd slope = HALF(m[1]) + v[b] * (2.0 * HALF(m[2]) + v[b] * (3.0 * HALF(m[3])));
+            v[b] = far[b] ? MIN(MAX(v[b] - F[b] / slope, HALF(at)), (vd){} + 1.0) : v[b];
+        }
+    }
+    // The piece up to there, or as far as the lane may go.
+    vf c[8], color[8];
+    columns(table, k, c);
+    columns(table + 8, k, color);
+    v8f n8[9][2];
+    for (int b = 0; b < 2; ++b) {
+        const vd m1 = HALF(m[1]), m2 = HALF(m[2]), m3 = HALF(m[3]), from = HALF(at);
+        stop[b] = MIN(v[b], from + HALF(room));
+        const vd w = 0.5 * (stop[b] - from), mid = 0.5 * (stop[b] + from), bend = m2 + 3.0 * mid * m3;
+        const vd n2 = w * w * bend, mean = HALF(m[0]) + mid * (m1 + mid * (m2 + mid * m3)) + n2 * (1.0 / 3);
+#define NARROW(i, a) n8[i][b] = __builtin_convertvector(a, v8f)
+        NARROW(0, w * (m1 + mid * (m2 + bend)));
+        NARROW(1, n2);
+        NARROW(2, w * w * w * m3);
+        NARROW(3, w * HALF(half));
+        NARROW(4, mean - __builtin_convertvector(*(const v8f*)((const float*)c + 8 * b), vd));
+        NARROW(5, MAX(HALF(off_knot), ABSD(F[b])) + RIPPLE * (ABSD(m1) + ABSD(m2) + ABSD(m3)));
+        NARROW(6, (1.0 - stop[b]) * HALF(half));
+        NARROW(7, 2.0 * w * HALF(half) * (HALF(value) + (mean - HALF(knot)) * HALF(rate)));
+        NARROW(8, w * HALF(half) * HALF(rate));
+    }
+#define WHOLE(i) JOIN(n8[i][0], n8[i][1])
+    const vf m1 = WHOLE(0), m2 = WHOLE(1), m3 = WHOLE(2), h = WHOLE(3), off = WHOLE(4), astray = WHOLE(5);
+    const vf steep = c[7], L = h + h, R = ABS(m1) + ABS(m2) * (2.0f / 3) + ABS(m3);
+    const vf ww = m1 * (m1 * (2.0f / 3) + m3 * 0.8f) + m2 * m2 * (8.0f / 45) + m3 * m3 * (2.0f / 7);
+    const vf line = WHOLE(7), x = MAX(line, zero), g = WHOLE(8);
+    const Thin thin = series(m1, m2, m3, ww, x, g);
+    // What the series leaves out: by theorem 2 or theorem 3 of the proof.
+    const vf a = 0.5f * x, G = ABS(g) * R;
+    const vf closer = R * G * (a * (a + G) + G * G) * 0.33334f + a * a * a * (0.0889f * ABS(m2) + 0.08334f * R * a);
+    // What it is off by (S13, S14).
+    const vf delta = (ABS(off) + R) * (ROUNDED), over = astray * color[3];
+    const vf d = line < 0.0f ? over + over : over;
+    const vf e = 1.00001f * ((bright + 3.3f * steep * R) * (L * d) + bright * WHOLE(6) * over
+        + thin.A * (bright * (OPACITY_ULPS) + c[6] + steep * delta + astray * color[7])
+        + steep * (MIN(R * thin.rest, closer) + (SERIES_ULPS) * R * (G + a)));
+    const vf most = share * thin.A + absolute * L + (LITTLE) * bright;
+    const vi good = (e <= most) & (astray <= rows.narrow);
+    // Behind what there is of the part (S15).
+    auto add = [&](int i, vf a) {
+        for (int b = 0; b < 2; ++b)
+            HALF_OF(sum[i]) += __builtin_convertvector(*(const v8f*)((const float*)&a + 8 * b), vd);
+    };
+    v8f front[2];
+    for (int b = 0; b < 2; ++b) front[b] = __builtin_convertvector(HALF(sum[0]), v8f);
+    const vf T = fading(JOIN(front[0], front[1])), TA = good ? T * thin.A : zero;
+    const vf TV = good ? T * thin.V + TA * off : zero;
+    add(0, good ? x : zero);
+    add(1, TA);
+    for (int i = 0; i < 3; ++i) add(2 + i, TA * color[i] + TV * color[4 + i]);
+    *(vf*)error += good ? T * e : zero;
+    *(vf*)pieces_of += good ? zero + 1.0f : zero;
+    // On to the next interval, or the next step in this one.
+    vi reached;
+    for (int b = 0; b < 2; ++b)
+        *(v8i*)((int*)&reached + 8 * b) = __builtin_convertvector(stop[b] == v[b], v8i);
+    reached &= good;
+    for (int b = 0; b < 2; ++b) {
+        HALF_OF(at) = MASK(good) ? stop[b] : HALF(at);
+        HALF_OF(off_knot) = MASK(reached) ? ABSD(F[b]) : MASK(good) ? (vd){} : HALF(off_knot);
+        HALF_OF(room) = MASK(reached) ? (vd){} + 2.0 : HALF(room);
+    }
+    *(vi*)steps += 1;
+    const vi done = reached & on_last, stuck = ~good | (*(vi*)steps > STEPS);
+    alignas(64) int turn[16];
+    for (int b = 0; b < 2; ++b)
+        *(v8i*)(turn + 8 * b) = __builtin_convertvector(HALF(sign), v8i);
+    *(vi*)k += reached & ~done & *(vi*)turn;
+    if (!__builtin_reduce_or(done | stuck)) continue;
+    for (int l = 0; l < 16; ++l) {
+        if (!(done[l] | stuck[l]) || part[l] < 0) continue;
+        Part& p = parts[part[l]];
+        if (done[l]) {
+            p.x = (float)sum[0][l]; p.A = (float)sum[1][l]; p.pieces = pieces_of[l];
+            for (int i = 0; i < 3; ++i) p.color[i] = (float)sum[2 + i][l];
+            p.e = error[l] + bright * (ADDED) * p.A;
+        } else {
+            // So much of it that it will do, or it is left to others.
+            const float part_of = 0.9f * cbrtf(most[l] / e[l]);
+            if (steps[l] <= STEPS && part_of > 1.0f / 64) {
+                room[l] = part_of * (stop[l >> 3][l & 7] - at[l]);
+                continue;
+            }
+            p.pieces = -1.0f;
+        }
+        --busy;
+        take(l);
+    }
+}
+// The parts of a cell one behind the other.
+int total = 0;
+for (int j = 0; j < n; ++j) {
+    const int ray = some[1 + j] / CELLS, l = some[1 + j] % CELLS;
+    float* to = found.data + 6 * ray * CELLS + l;
+    for (int i = 0; i < 6; ++i) to[i * CELLS] = 0.0f;
+    *(row.data + ray * CELLS + l) = -1;
+}
+for (int i = 0; i < number; ++i) {
+    const Part& p = parts[i];
+    const int cell = some[1 + p.job], ray = cell / CELLS, l = cell % CELLS;
+    float* to = found.data + 6 * ray * CELLS + l;
+    const float T = 1.0f - to[CELLS];
+    to[0] += p.x;
+    to[CELLS] += T * p.A;
+    to[2 * CELLS] += T * p.color[0];
+    to[3 * CELLS] += T * p.color[1];
+    to[4 * CELLS] += T * p.e;
+    to[5 * CELLS] += T * p.color[2];
+    if (p.pieces > 0.0f) *(pieces.data + ray) += (int)p.pieces;
+    // What is left to others, each once.
+    if (p.pieces < 0.0f && (total == 0 || some[total] != cell)) some[++total] = cell;
+}
+some[0] = total;
+"""
+
+
+@cache
+def make_crossings():
+    """``cut(rows, transfer, spend, cubic, which, found, row, pieces)``.
+
+    ``which`` has how many cells, and which they are, counted through all rays': in the end, those that are left to
+    others. ``cubic`` (5, JOBS) is as of ``field.cubics.make_centered``; ``rows``, ``spend``, ``found`` and ``row`` are
+    as of ``single``, where it puts what they are; ``pieces`` counts those of each ray.
+    """
+    Transfer, _, _ = make_transfer(wp.float64)
+    text = PARTS + CROSSINGS
+    numbers = {
+        "OPACITY_ULPS": OPACITY_ULPS,
+        "SERIES_ULPS": SERIES_ULPS,
+        "ROUNDED": ROUNDED,
+        "ADDED": ADDED,
+        "LITTLE": LITTLE,
+    }
+    for name, value in numbers.items():
+        text = text.replace(name, f"{value!r}f")
+    for name, value in {"RIPPLE": RIPPLE, "CLOSE": CLOSE, "STEPS": STEPS, "JOBS": JOBS, "CELLS": CELLS}.items():
+        text = text.replace(name, repr(value))
+
+    @wp.func_native(VECTORS + FADING + SERIES + COLUMNS + text)
+    def cut(
+        rows: Rows,
+        transfer: Transfer,
+        spend: wp.vec3,
+        cubic: wp.array2d(dtype=wp.float64),
+        which: wp.array(dtype=int),
+        found: wp.array3d(dtype=wp.float32),
+        row: wp.array2d(dtype=int),
+        pieces: wp.array(dtype=int),
+    ): ...
+
+    return cut
