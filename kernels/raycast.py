@@ -10,7 +10,7 @@ import warp as wp
 
 from .cuts.stretches import make_stretches
 from .precision import vec4_of
-from .ray import entry, inside, inverted, line, pixel
+from .ray import ending, entry, inside, inverted, line, pixel
 
 
 @cache
@@ -36,7 +36,8 @@ def make_raycast(halves):
         if y >= scene.view.height:
             return
         view = scene.view
-        point, along, length = entry(view, x, y)
+        point, along, length, first = entry(view, x, y)
+        end, loose = ending(view, x, y)
         ray = wp.vec4d()
         count = int(0)
         bound = wp.float64(0.0)
@@ -45,13 +46,18 @@ def make_raycast(halves):
         if length > wp.float64(0.0):
             # Rays begin and end with what there is to see.
             start, stop = inside(view.seen_low, view.seen_high, point, inverted(along), wp.float64(0.0), length)
+            stop = wp.min(stop, end - first)
             if stop > start:
                 ray, count, bound = march(scene, point, along, start, stop)
         rgba[y, x] = vec4(ray)
         samples[y, x] = count
         if wp.static(bounded):
-            anchor, along, first = line(view, x, y)
-            off, cap = edge(scene, anchor, inverted(along), first, stop > start)
+            if loose > wp.float64(0.0):
+                loose += wp.float64(wp.static(2.0**-50)) * wp.abs(first)
+                most = scene.march.brightest + scene.march.tinted
+                bound += most * wp.min(wp.float64(1.0), scene.march.densest * loose)
+            anchor, along, begin = line(view, x, y)
+            off, cap = edge(scene, anchor, inverted(along), begin, stop > start)
             # Rounded up.
             bounds[y, x] = wp.float32(wp.min(bound + off, cap) * wp.float64(wp.static(1.0 + 2.0**-23)))
 
