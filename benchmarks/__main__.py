@@ -16,7 +16,7 @@ from rich.console import Console
 from studies.base.harness import STYLE, Settings, markdown, rich_table, save, save_figure
 from wvr.files import write_text
 
-from . import certified, clipping, cold, peers, throughput, viewer
+from . import certified, clipping, cold, peers, projections, throughput, viewer
 
 ENTRIES: dict[str, ModuleType] = {
     "throughput": throughput,
@@ -24,6 +24,7 @@ ENTRIES: dict[str, ModuleType] = {
     "clipping": clipping,
     "peers": peers,
     "cold": cold,
+    "projections": projections,
     "viewer": viewer,
 }
 RECORDED = Path(__file__).parent / "results"
@@ -46,7 +47,7 @@ def run(
     Parameters
     ----------
     names
-        What to measure: throughput, certified, clipping, peers, cold, viewer; all by default.
+        What to measure: throughput, certified, clipping, peers, cold, projections, viewer; all by default.
     rounds
         How often each contender runs.
     quick

@@ -25,7 +25,9 @@ class View:
     way: wp.vec3d  # direction of the ray of pixel (0, 0) [world]
     way_right: wp.vec3d  # what a pixel adds to it
     way_down: wp.vec3d
-    depth: wp.float64  # perspective: from the camera to the anchor, in lengths of the ray's way
+    depth: wp.float64  # from the camera's plane to the anchors', along the view [world length]
+    rounded: wp.float64  # how far rounding may put that from what it should be
+    ends: wp.array2d(dtype=wp.float64)  # of rays, in the same way; empty where they end nowhere
     to_index: wp.mat33d  # world directions to index directions
     unit: wp.float64  # smallest voxel spacing [world length]
     low: wp.vec3d  # the box [index coordinates]
@@ -153,10 +155,41 @@ def line(view: View, x: int, y: int):
 
 @wp.func
 def entry(view: View, x: int, y: int):
-    """Entry point and direction in index coordinates, and the length inside the box (<= 0: missed)."""
+    """Entry point and direction in index coordinates, the length inside the box (<= 0: missed), and where the entry is
+    from the anchor on.
+    """
     anchor, direction, first = line(view, x, y)
     start, end = inside(view.low, view.high, anchor, inverted(direction), first, FAR)
     point = anchor + start * direction
     for a in range(3):
         point[a] = wp.clamp(point[a], view.low[a], view.high[a])
-    return point, direction, end - start
+    return point, direction, end - start, start
+
+
+@wp.func
+def obliquity(view: View, x: int, y: int):
+    """Length along a ray for a unit of depth [smallest voxel spacing over world length]."""
+    way = view.way + wp.float64(x) * view.way_right + wp.float64(y) * view.way_down
+    return wp.length(way) / view.unit
+
+
+@wp.func
+def slack(view: View, oblique: wp.float64, depth: wp.float64):
+    """How far rounding may put the place of a ray that is at a depth from the camera."""
+    ulps = (wp.float64(1.0) + oblique * view.unit) * (wp.abs(depth) + wp.abs(view.depth))
+    return oblique * (view.rounded + wp.float64(wp.static(2.0**-49)) * ulps)
+
+
+@wp.func
+def ending(view: View, x: int, y: int):
+    """Where a ray ends by the depths of an image, from its anchor on, and how far rounding may put that."""
+    end = FAR
+    off = wp.float64(0.0)
+    if view.ends.shape[0] > 0:
+        depth = view.ends[y, x]
+        # False for NaN.
+        if depth < FAR:
+            oblique = obliquity(view, x, y)
+            end = (depth - view.depth) * oblique
+            off = slack(view, oblique, depth) + wp.float64(wp.static(2.0**-50)) * wp.abs(end)
+    return end, off

@@ -10,7 +10,44 @@ import warp as wp
 
 from .cuts.stretches import make_stretches
 from .precision import vec4_of
-from .ray import entry, inside, inverted, line, pixel
+from .ray import View, ending, entry, inside, inverted, line, pixel
+
+
+@wp.func
+def reach(view: View, x: int, y: int):
+    """Where there may be something to see along the ray of a pixel: its line, from where to where, and how far off the
+    depth that ends it may be.
+    """
+    point, along, length, first = entry(view, x, y)
+    end, loose = ending(view, x, y)
+    if loose > wp.float64(0.0):
+        loose += wp.float64(wp.static(2.0**-50)) * wp.abs(first)
+    start = wp.float64(0.0)
+    stop = wp.float64(0.0)
+    if length > wp.float64(0.0):
+        # Rays begin and end with what there is to see.
+        start, stop = inside(view.seen_low, view.seen_high, point, inverted(along), wp.float64(0.0), length)
+        stop = wp.min(stop, end - first)
+    return point, along, start, stop, loose
+
+
+@cache
+def make_bound(halves):
+    """``whole(scene, x, y, hit, bound, loose)``: a bound on all of the ray of a pixel, of that on what is along it."""
+    Scene = halves.Scene
+    edge = halves.march.edge(halves)
+
+    @wp.func
+    def whole(scene: Scene, x: int, y: int, hit: bool, bound: wp.float64, loose: wp.float64):
+        if loose > wp.float64(0.0):
+            most = scene.march.brightest + scene.march.tinted
+            bound += most * wp.min(wp.float64(1.0), scene.march.densest * loose)
+        anchor, along, begin = line(scene.view, x, y)
+        off, cap = edge(scene, anchor, inverted(along), begin, hit)
+        # Rounded up.
+        return wp.float32(wp.min(bound + off, cap) * wp.float64(wp.static(1.0 + 2.0**-23)))
+
+    return whole
 
 
 @cache
@@ -24,7 +61,7 @@ def make_raycast(halves):
     Scene = halves.Scene
     march = make_stretches(halves) if halves.cuts.any else halves.march.march(halves)
     bounded = halves.march.bounded
-    edge = halves.march.edge(halves) if bounded else None
+    whole = make_bound(halves) if bounded else None
 
     @wp.kernel(enable_backward=False, module="unique")
     def raycast(
@@ -38,27 +75,18 @@ def make_raycast(halves):
         x, y = pixel(scene.view, wp.tid() + base)
         if y >= scene.view.height:
             return
-        view = scene.view
         if wp.static(halves.scratch > 0):
             scene.march.scratch = scratch
-        point, along, length = entry(view, x, y)
+        point, along, start, stop, loose = reach(scene.view, x, y)
         ray = wp.vec4d()
         count = int(0)
         bound = wp.float64(0.0)
-        start = wp.float64(0.0)
-        stop = wp.float64(0.0)
-        if length > wp.float64(0.0):
-            # Rays begin and end with what there is to see.
-            start, stop = inside(view.seen_low, view.seen_high, point, inverted(along), wp.float64(0.0), length)
-            if stop > start:
-                ray, count, bound = march(scene, point, along, start, stop)
+        if stop > start:
+            ray, count, bound = march(scene, point, along, start, stop)
         rgba[y, x] = vec4(ray)
         samples[y, x] = count
         if wp.static(bounded):
-            anchor, along, first = line(view, x, y)
-            off, cap = edge(scene, anchor, inverted(along), first, stop > start)
-            # Rounded up.
-            bounds[y, x] = wp.float32(wp.min(bound + off, cap) * wp.float64(wp.static(1.0 + 2.0**-23)))
+            bounds[y, x] = whole(scene, x, y, stop > start, bound, loose)
 
     return raycast
 
@@ -70,7 +98,7 @@ def make_raycasts(halves):
     Scene = halves.Scene
     rays = halves.rays
     march = halves.march.together(halves)
-    edge = halves.march.edge(halves)
+    whole = make_bound(halves)
 
     @wp.kernel(enable_backward=False, module="unique")
     def raycasts(
@@ -81,27 +109,25 @@ def make_raycasts(halves):
         bounds: wp.array2d(dtype=wp.float32),
         scratch: wp.uint64,
     ):
-        view = scene.view
         scene.march.scratch = scratch
         first = (wp.tid() + base) * rays
-        lines = wp.zeros(shape=(rays, 8), dtype=wp.float64)
+        lines = wp.zeros(shape=(rays, 9), dtype=wp.float64)
         results = wp.zeros(shape=(rays, 6), dtype=wp.float64)
         last = int(rays)
         for r in range(last):
-            x, y = pixel(view, first + r)
-            if y < view.height:
-                point, along, length = entry(view, x, y)
-                if length > wp.float64(0.0):
-                    start, stop = inside(view.seen_low, view.seen_high, point, inverted(along), wp.float64(0.0), length)
-                    for a in range(3):
-                        lines[r, a] = point[a]
-                        lines[r, 3 + a] = along[a]
-                    lines[r, 6] = start
-                    lines[r, 7] = stop
+            x, y = pixel(scene.view, first + r)
+            if y < scene.view.height:
+                point, along, start, stop, loose = reach(scene.view, x, y)
+                for a in range(3):
+                    lines[r, a] = point[a]
+                    lines[r, 3 + a] = along[a]
+                lines[r, 6] = start
+                lines[r, 7] = stop
+                lines[r, 8] = loose
         march(scene, lines, results)
         for r in range(last):
-            x, y = pixel(view, first + r)
-            if y < view.height:
+            x, y = pixel(scene.view, first + r)
+            if y < scene.view.height:
                 hit = lines[r, 7] > lines[r, 6]
                 bound = wp.float64(0.0)
                 if hit:
@@ -110,8 +136,6 @@ def make_raycasts(halves):
                 else:
                     rgba[y, x] = vec4()
                 samples[y, x] = int(results[r, 4])
-                anchor, along, begin = line(view, x, y)
-                off, cap = edge(scene, anchor, inverted(along), begin, hit)
-                bounds[y, x] = wp.float32(wp.min(bound + off, cap) * wp.float64(wp.static(1.0 + 2.0**-23)))
+                bounds[y, x] = whole(scene, x, y, hit, bound, lines[r, 8])
 
     return raycasts

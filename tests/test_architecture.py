@@ -9,7 +9,10 @@ ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 ROWS = {row[0].strip("`/ "): row[1:] for row in (line.strip("| ").split(" | ") for line in PAGE.splitlines())}
 # "a march a file", "a family a file"
-BY_KIND = ("uniform", "exact", "certified", "adaptive_simpson", "adaptive_preintegrated")
+BY_KIND = (
+    *("uniform", "exact", "certified", "adaptive_simpson", "adaptive_preintegrated"),
+    *("projection", "extremes", "totals", "isosurface", "reach"),
+)
 
 
 @pytest.mark.parametrize("room", ["transfer", "field", "cuts", "light", "integrators"])

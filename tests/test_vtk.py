@@ -109,3 +109,28 @@ def test_same_pixels(direction, parallel):
     # Half a pixel to the side would not pass.
     assert abs((opacity[:, 1:] + opacity[:, :-1]) / 2 - expected[:, 1:]).max() > 0.1
     assert abs((opacity[1:] + opacity[:-1]) / 2 - expected[1:]).max() > 0.1
+
+
+def test_meshes_end_rays():
+    """Fog in front of a board that stands askew: as deep as the board is at each pixel, whatever the camera."""
+    import pyvista as pv
+
+    volume = wvr.Volume(np.full((20, 20, 20), 100, np.uint8), origin=(-9.5, -9.5, -9.5))
+    tf = wvr.TransferFunction([(0, "white", 0.1), (255, "white", 0.1)], unit_distance=1.0)
+    normal = np.array([0.8, 0.5, 0.3])
+    board = pv.Plane(center=(1, 0, 0), direction=normal, i_size=60, j_size=60)
+    for parallel in (False, True):
+        plotter = pv.Plotter(off_screen=True, window_size=(60, 50))
+        plotter.add_mesh(board)
+        plotter.camera_position = [(30, 20, 16), (0, 1, -1), (0, 0, 1)]
+        if parallel:
+            plotter.camera.enable_parallel_projection()
+            plotter.camera.parallel_scale = 8.0
+        plotter.show(auto_close=False)
+        depth, camera = -plotter.get_image_depth(), wvr.Camera.from_pyvista(plotter)
+        plotter.close()
+        image = wvr.render(volume, tf, camera, (60, 50), depth=depth, integrator=wvr.Exact())
+        clip = wvr.ClipPlane((1, 0, 0), normal)
+        expected = wvr.render(volume, tf, camera, (60, 50), clip=clip, integrator=wvr.Exact())
+        # VTK puts polygons behind where they are, by some 1e-4 of its clipping range; half a pixel would be 0.02.
+        assert np.abs(image.rgba - expected.rgba).max() < 4e-3 and image.rgba.any()

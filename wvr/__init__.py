@@ -10,7 +10,17 @@ from .cuts.shapes import ClipBox, ClipPlane, ClipSphere
 from .cuts.volumes import ClipVolume
 from .enclosure import Enclosure, enclose
 from .image import BoundedImage, Image
-from .integrators import AdaptivePreintegrated, AdaptiveSimpson, Certified, Exact, Preintegrated, Riemann, Simpson
+from .integrators import (
+    AdaptivePreintegrated,
+    AdaptiveSimpson,
+    Certified,
+    Exact,
+    Isosurface,
+    Preintegrated,
+    Projection,
+    Riemann,
+    Simpson,
+)
 from .io import read, read_raw
 from .launch import Cancelled, get_num_threads, set_num_threads
 from .light.lighting import Lighting
@@ -45,8 +55,10 @@ __all__ = [
     "Exact",
     "Headlight",
     "Image",
+    "Isosurface",
     "Lighting",
     "Preintegrated",
+    "Projection",
     "Renderer",
     "Riemann",
     "Segmentation",

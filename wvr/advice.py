@@ -40,7 +40,7 @@ def advise(scene: Scene, image: Image) -> None:
             advice = "raise opacities, or make unit_distance smaller"
         little = "nothing" if most < NOTHING else "nearly nothing"
         _warn(f"{little} is visible (the largest opacity is {most:.2g}): {data}, {opaque}; {advice}")
-    elif scene.segmentation is None:
+    elif scene.segmentation is None and not scene.integrator.valued:
         tf = scene.functions[0]
         first, last = float(tf.knots[0]), float(tf.knots[-1])
         if is_narrow(tf, low, high):

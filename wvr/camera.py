@@ -254,6 +254,29 @@ class Camera:
         x, y = offset @ right / half, offset @ up / half
         return np.stack([(x * height + width - 1) / 2, (height - 1 - y * height) / 2], axis=-1)
 
+    def unproject(self, x: ArrayLike, y: ArrayLike, depth: ArrayLike, size: tuple[int, int]) -> NDArray[np.float64]:
+        """World points of an image, of which :meth:`project` is the inverse.
+
+        Parameters
+        ----------
+        x, y
+            Columns and rows; (0, 0) is the centre of the first pixel.
+        depth
+            From the camera's plane along the view [world length], as of :meth:`Image.depth`.
+        size
+            (width, height) in pixels.
+
+        Returns
+        -------
+        float64, shape (..., 3)
+        """
+        width, height = image_size(size)
+        right, up, forward = self.basis()
+        pixel = 2 * self.half_height / height
+        x, y, depth = (np.asarray(given, np.float64)[..., None] for given in (x, y, depth))
+        across = pixel * ((x - (width - 1) / 2) * right - (y - (height - 1) / 2) * up)
+        return self.position + (across if self.parallel else depth * across) + depth * forward
+
     def to_pyvista(self) -> pv.Camera:
         """The same as a PyVista ``Camera``, for ``plotter.camera``; VTK then chooses its clipping range.
 

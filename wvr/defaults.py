@@ -16,6 +16,7 @@ from .cuts.base import Clip, clip_list
 from .cuts.labels import Segmentation
 from .field.base import Field
 from .framing import Showing, framed, visible_points
+from .integrators import Integrator
 from .light.lighting import Lighting, Mode
 from .light.lights import DirectionalLight, Headlight
 from .light.shadows import ConvolutionShadows
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 SUGGESTED = ("bands", "warm", "surfaces", "labels", "tissues", "deviation")
 # What is behind a volume where nothing at all was said of colours.
 BACKGROUND = "black"
+# Colours where nothing was said of them and opacities do not matter.
+GREY = "gray"
 # Of a scan in Hounsfield units there is something below, unless it is cropped to soft tissue.
 AIR = -20
 
@@ -62,6 +65,7 @@ class Call(NamedTuple):
     background: Any = None
     segmentation: Segmentation | None = None
     clip: Clip | Sequence[Clip] | None = None
+    integrator: Integrator | None = None
 
     def look(self, volume: Field, size: tuple[int, int]) -> Look:
         """For a volume and so many pixels.
@@ -76,14 +80,35 @@ class Call(NamedTuple):
             raise TypeError(f"segmentation must be a Segmentation or None, got {kind}")
         chosen: Suggestion | None = None
         function: TransferFunction | None = None
+        domain = domain_of(self.integrator, volume)
         if self.transfer_function is not None or self.segmentation is None:
-            function, chosen = function_of(self.transfer_function, volume, self.opacity, self.clim)
+            function, chosen = function_of(self.transfer_function, volume, self.opacity, self.clim, domain)
             function = function.for_volume(volume)
-        shown: Any = function if self.segmentation is None else self.segmentation.for_volume(volume)
+        shown: Any = None if function is None else framed_by(self.integrator, function)
+        if self.segmentation is not None:
+            shown = self.segmentation.for_volume(volume)
         camera = camera_of(self.camera, volume, shown, size[0] / size[1], clip_list(self.clip))
-        lighting = lighting_of(self.lighting, chosen is not None and chosen.surfaces, camera)
-        background = BACKGROUND if self.background is None and chosen is not None else self.background
+        lighting = lighting_of(self.lighting, has_surfaces(self.integrator, chosen), camera)
+        suggested = chosen is not None or (domain is not None and self.transfer_function is None)
+        background = BACKGROUND if self.background is None and suggested else self.background
         return Look(function, camera, lighting, shadows_of(self.shadows, lighting, camera), background)
+
+
+def domain_of(integrator: Integrator | None, volume: Field) -> tuple[float, float] | None:
+    """Over what colours are, of an integrator that does not need opacities."""
+    return integrator.domain(volume) if isinstance(integrator, Integrator) else None
+
+
+def framed_by(integrator: Integrator | None, tf: TransferFunction) -> TransferFunction:
+    """What is seen of a transfer function."""
+    return integrator.framed(tf) if isinstance(integrator, Integrator) else tf
+
+
+def has_surfaces(integrator: Integrator | None, chosen: Suggestion | None) -> bool:
+    """Whether there are surfaces to light: in the data, or those that an integrator looks for."""
+    if isinstance(integrator, Integrator) and integrator.surfaces is not None:
+        return integrator.surfaces
+    return chosen is not None and chosen.surfaces
 
 
 def function_of(
@@ -91,6 +116,7 @@ def function_of(
     volume: Field,
     opacity: Opacity | None = None,
     clim: Sequence[float] | float | None = None,
+    domain: tuple[float, float] | None = None,
 ) -> tuple[TransferFunction, Suggestion | None]:
     """The transfer function that is meant, and the suggestion it is from if opacities are not given.
 
@@ -101,6 +127,8 @@ def function_of(
         suggestion, or a .json file; None is the first suggestion.
     opacity, clim
         Those of a colour map, as of ``from_colormap``; by default opacities are suggested, and it spans the volume.
+    domain
+        What colours are over by default, grey ones if nothing is said of them, where opacity is to be 1.
     """
     if isinstance(given, TransferFunction) or _are_points(given):
         _refuse("opacity", opacity, "a transfer function has its own")
@@ -118,6 +146,12 @@ def function_of(
             return made, None
         _refuse("clim", clim, f"{given!r} has its own scalars")
         return TransferFunction.load(given), None
+    if domain is not None and not (isinstance(given, str) and given in SUGGESTED):
+        low, high = domain if clim is None else _limits(clim)
+        _check_colors(GREY if given is None else given)
+        limits = (low, high if low < high else low + 1.0)
+        strengths: Any = 1.0 if opacity is None else opacity
+        return TransferFunction.from_colormap(GREY if given is None else given, limits, strengths), None
     if given is None and opacity is None and clim is None:
         chosen = _suggestion(volume)
         return next(iter(chosen.functions.values())), chosen

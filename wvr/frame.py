@@ -28,17 +28,20 @@ from .kernels.scene import Halves
 from .launch import launch, launch_pixels
 from .light.sweep import AHEAD, Sweeping, shade
 from .memory import free_memory
+from .probe import make_prober, probe, tightest
 from .scene import Scene
 from .transfer.function import struct_of
 
 # How far a ray may be from where it should be, in parts of the numbers that it is made of (docs/proof.md, lemma 3).
 ASTRAY = 2.0**-49
+# How far the plane of their anchors may be, in the same parts: of a sum of three products and two more numbers.
+ROUNDED = 2.0**-49
 
 Tracer = Callable[[int, int], NDArray[np.void]]
 
 
 class Frame:
-    """A scene seen by a camera in so many pixels.
+    """A scene seen by a camera in so many pixels, along rays that end where ``ends`` says.
 
     Attributes
     ----------
@@ -46,12 +49,15 @@ class Frame:
         Of the image, once it is there; None where the integrator gives none.
     """
 
-    def __init__(self, scene: Scene, camera: Camera, size: tuple[int, int], keep: Keeper):
+    def __init__(
+        self, scene: Scene, camera: Camera, size: tuple[int, int], keep: Keeper, ends: NDArray[np.float64] | None = None
+    ):
         self.given = scene
         self.scene = scene.normal
         self.camera = camera
         self.width, self.height = size
         self.keep = keep
+        self.ends = ends
         self.device = keep.device
         self.error_bound: NDArray[np.float32] | None = None
 
@@ -60,6 +66,8 @@ class Frame:
         start = perf_counter()
         scene, integrator = self.scene, self.scene.integrator
         self._check_memory()
+        if integrator.probes:
+            return self._probed(start)
         shown = integrator.shown(scene)
         stats: dict[str, Any]
         if scene.shadows is not None and scene.shadows.alone:
@@ -67,7 +75,7 @@ class Frame:
             shaded = shade(self, rgba, shown)
             stats = shaded.stats | {"seconds": shaded.stats["seconds_shadows"], "integrator": repr(scene.shadows)}
             stats["bytes"] = scene.volume.nbytes + rgba.capacity + shaded.samples.nbytes + AHEAD
-            return self._image(rgba, shaded.samples, shown, stats, None)
+            return self._image(rgba, shaded.samples, shown, stats)
         precision = integrator.precision(scene)
         halves = self.halves(REALS[precision], integrator.half(scene))
         struct, seen = self.struct(halves)
@@ -99,8 +107,32 @@ class Frame:
         tracer = self._tracer(counts) if integrator.traces else None
         return self._image(rgba, counts, shown, stats | integrator.report(self), tracer)
 
+    def _probed(self, start: float) -> Image:
+        """The image of an integrator that probes."""
+        scene, integrator = self.scene, self.scene.integrator
+        found = probe(self)
+        end = perf_counter()
+        stats = {
+            "seconds": end - start,
+            "seconds_prepare": found.prepared - start,
+            "seconds_raycast": end - found.prepared,
+            "skipped": found.skipped,
+            "bytes": scene.volume.nbytes + found.rgba.capacity + found.samples.capacity + 3 * found.values.capacity,
+            "integrator": repr(integrator),
+        }
+        bounds = found.bounds.numpy()
+        self.error_bound = bounds if integrator.valued else tightest(bounds)
+        image = self._image(found.rgba, found.samples.numpy(), integrator.shown(scene), stats | integrator.report(self))
+        image.values = found.values.numpy() if integrator.valued else None
+        return image
+
     def _image(
-        self, rgba: wp.array, samples: NDArray[np.int32], shown: str, stats: dict[str, Any], tracer: Tracer | None
+        self,
+        rgba: wp.array,
+        samples: NDArray[np.int32],
+        shown: str,
+        stats: dict[str, Any],
+        tracer: Tracer | None = None,
     ) -> Image:
         stats |= {
             "rays": self.width * self.height,
@@ -112,8 +144,10 @@ class Frame:
         given = self.given
         limits, anatomical = given.volume.range, getattr(given.volume, "anatomical", "")
         scenery = Shown(self.camera, given.volume.corners, limits, given.transfer_function, anatomical)
+        size = (self.width, self.height)
+        prober = make_prober(self, lambda scene, keep: Frame(scene, self.camera, size, keep, self.ends))
         kind = Image if self.error_bound is None else BoundedImage
-        return kind(pixels, samples, self.error_bound, stats, given.background, tracer, scenery)
+        return kind(pixels, samples, self.error_bound, stats, given.background, tracer, scenery, prober=prober)
 
     def halves(self, real: type, march: Any) -> Halves:
         """What a kernel with a ``march`` in a precision is made of."""
@@ -139,6 +173,8 @@ class Frame:
         integrator: Any = scene.integrator if sweep is None else sweep
         struct = halves.Scene()
         struct.view = view(scene.volume, self.camera, self.width, self.height)
+        if self.ends is not None:
+            struct.view.ends = wp.array(self.ends, dtype=wp.float64, device=self.device)
         struct.field = scene.volume.struct(keep, scene.shift)
         ending = integrator.termination(scene) if scene.termination is None else scene.termination
         struct.opaque = 1.0 - ending
@@ -168,7 +204,7 @@ class Frame:
 
     def _tracer(self, samples: NDArray[np.int32]) -> Tracer:
         """Steps of the ray of a pixel, by rendering it once more; a ray has no more steps than samples."""
-        scene, camera, size = self.scene, self.camera, (self.width, self.height)
+        scene, camera, size, ends = self.scene, self.camera, (self.width, self.height), self.ends
         # Parts of its own: those of the renderer may be another scene's by then.
         keep = Keeper(self.device)
         volumes = self.given.volumes()
@@ -179,7 +215,7 @@ class Frame:
                 volume.look()
             if [volume.version for volume in volumes] != versions:
                 raise ValueError("trace needs the samples that the image was made of, which somebody wrote into since")
-            frame = Frame(scene, camera, size, keep)
+            frame = Frame(scene, camera, size, keep, ends)
             halves = frame.halves(REALS[scene.integrator.precision(scene)], scene.integrator.half(scene))
             halves = replace(halves, traced=True)
             struct, _ = frame.struct(halves)
@@ -208,6 +244,22 @@ class Frame:
             )
 
 
+def ends_of(depth: Any, size: tuple[int, int]) -> NDArray[np.float64] | None:
+    """Depths at which rays end, infinite where they do not, as a caller gives them."""
+    if depth is None:
+        return None
+    width, height = size
+    try:
+        ends = np.array(depth, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TypeError(f"depth must be an array of numbers, got {type(depth).__name__}") from None
+    if ends.shape != (height, width):
+        raise ValueError(
+            f"depth must have the shape (height, width) = {(height, width)} of the image, got {ends.shape}"
+        )
+    return np.where(np.isnan(ends), np.inf, np.maximum(ends, -1e100))
+
+
 def view(volume: Field, camera: Camera, width: int, height: int) -> Any:
     """The struct of ``kernels.ray`` for a camera and image size, set up in float64."""
     to_index = np.linalg.inv(volume.index_to_world[:3, :3])
@@ -231,6 +283,7 @@ def view(volume: Field, camera: Camera, width: int, height: int) -> Any:
     low, high = volume.index_box
     result = View()
     result.width, result.height, result.perspective, result.depth = width, height, turns, depth
+    result.rounded = ROUNDED * float(np.linalg.norm(middle - near) + np.linalg.norm(camera.target - camera.position))
     result.anchor = wp.vec3d(*(to_index @ (axis + spread * corner)))
     result.right, result.down = (wp.vec3d(*(to_index @ (spread * step))) for step in (right, down))
     result.way = wp.vec3d(*(forward + turns * corner))

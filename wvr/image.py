@@ -6,12 +6,12 @@ import os
 from collections.abc import Callable, Sequence
 from io import BytesIO
 from operator import index
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .color import is_clear, linear_rgb, linear_to_srgb
+from .color import is_clear, linear_rgb, linear_to_srgb, srgb_to_linear
 from .display import Shown, plot
 from .files import known_suffix, whole_file
 from .validation import path_of
@@ -19,10 +19,21 @@ from .validation import path_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from .probe import Prober
+
+Background: TypeAlias = str | Sequence[float] | NDArray[Any]
 # Pixels that are encoded at a time.
 STRIP = 1 << 18
 # Backends of Matplotlib that only write files.
 WITHOUT_DISPLAY = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
+
+
+class Pick(NamedTuple):
+    """What is under a pixel (:meth:`Image.pick`)."""
+
+    position: NDArray[np.float64]
+    value: float
+    opacity: float
 
 
 class Image:
@@ -49,6 +60,11 @@ class Image:
         What :meth:`trace` calls; None where the method has no steps to tell.
     shown
         What it is an image of, for :meth:`plot` to draw around it; None where that is not known.
+    values
+        Of a :class:`Projection` the values, float64 (height, width), NaN where a ray misses; None of others. Then
+        ``error_bound`` is theirs.
+    prober
+        What :meth:`depth` and :meth:`pick` call; None where nothing is known of rays.
     """
 
     def __init__(
@@ -60,6 +76,8 @@ class Image:
         background: str | Sequence[float] | None = None,
         tracer: Callable[[int, int], NDArray[np.void]] | None = None,
         shown: Shown | None = None,
+        values: NDArray[np.float64] | None = None,
+        prober: Prober | None = None,
     ):
         for name, given in (("rgba", rgba), ("samples", samples), ("error_bound", error_bound)):
             if not isinstance(given, np.ndarray) and not (given is None and name == "error_bound"):
@@ -77,7 +95,9 @@ class Image:
         self.stats = {} if stats is None else stats
         self.background = background
         self.shown = shown
+        self.values = values
         self._tracer = tracer
+        self._prober = prober
 
     @property
     def size(self) -> tuple[int, int]:
@@ -115,27 +135,102 @@ class Image:
         """
         if self._tracer is None:
             raise ValueError(f"trace needs an adaptive integrator, got {self.stats.get('integrator', 'none')}")
+        return self._tracer(*self._pixel(x, y))
+
+    def depth(self, opacity: float = 0.5) -> NDArray[np.float64]:
+        """How far it is to where each ray has an opacity: from the camera's plane along the view [world length].
+
+        What meshes have in a depth buffer, to put them before and behind a volume: see ``depth`` of :func:`render`.
+        It is that of the exact integral, whatever the integrator; naive clips are taken as exact ones. Of an
+        :class:`Isosurface` it is that of the crossing at which the ray has the opacity, of a :class:`Projection` that
+        of the largest or smallest value.
+
+        Parameters
+        ----------
+        opacity
+            In (0, 1].
+
+        Returns
+        -------
+        float64, shape (height, width)
+            NaN where rays do not get there.
+
+        Raises
+        ------
+        ValueError
+            For an opacity out of its range; of images whose field is not known inside cells, of a mean or sum, which
+            are of the whole ray, and where samples were written into since.
+        """
+        prober = self._probing("depth")
+        if not 0 < opacity <= 1:
+            raise ValueError(f"opacity must be in (0, 1], got {opacity!r}")
+        return prober(float(opacity), None)[1]
+
+    def pick(self, x: int, y: int, opacity: float | None = None) -> Pick:
+        """What is under a pixel.
+
+        Parameters
+        ----------
+        x, y
+            Column and row of the pixel, from the top left.
+        opacity
+            Where its ray has this opacity, in (0, 1]; by default half of what it has in the end, so that there is
+            something wherever anything is visible.
+
+        Returns
+        -------
+        Pick
+            ``position`` (world coordinates, (3,)), the scalar ``value`` there, and the pixel's own ``opacity``;
+            position and value are NaN where the ray does not get there.
+
+        Raises
+        ------
+        IndexError
+            For a pixel outside the image.
+        ValueError
+            As :meth:`depth`, but that of a mean or sum the value is known and the position NaN.
+        """
+        prober = self._probing("pick")
+        column, row = self._pixel(x, y)
+        own = float(self.rgba[row, column, 3])
+        if opacity is not None and not 0 < opacity <= 1:
+            raise ValueError(f"opacity must be in (0, 1], got {opacity!r}")
+        value, depth = np.nan, np.nan
+        if self.values is not None:
+            value = float(self.values[row, column])
+        if own > 0:
+            value, depth = map(float, prober(0.5 * own if opacity is None else float(opacity), (column, row)))
+        assert self.shown is not None
+        return Pick(self.shown.camera.unproject(column, row, depth, self.size), value, own)
+
+    def _probing(self, what: str) -> Prober:
+        if self._prober is None:
+            raise ValueError(f"{what} needs an image that wvr.render made, whose rays are known")
+        return self._prober
+
+    def _pixel(self, x: int, y: int) -> tuple[int, int]:
         width, height = self.size
         if not (0 <= index(x) < width and 0 <= index(y) < height):
             raise IndexError(f"x, y must be a pixel of the {width} x {height} image, got {x!r}, {y!r}")
-        return self._tracer(index(x), index(y))
+        return index(x), index(y)
 
-    def composited(self, background: str | Sequence[float]) -> NDArray[np.float64]:
+    def composited(self, background: Background) -> NDArray[np.float64]:
         """Linear RGB in front of a background.
 
         Parameters
         ----------
         background
-            A colour name or ``"#rrggbb"``, decoded from sRGB, or three linear numbers >= 0.
+            A colour name or ``"#rrggbb"``, decoded from sRGB, or three linear numbers >= 0; or what is behind each
+            pixel, (height, width, 3): uint8 sRGB, such as PyVista's ``plotter.screenshot()``, or linear floats.
 
         Returns
         -------
         float64, shape (height, width, 3)
         """
         transparency = 1.0 - self.rgba[..., 3:].astype(np.float64)
-        return self.rgba[..., :3] + transparency * linear_rgb(background, "background")
+        return self.rgba[..., :3] + transparency * _behind(background, self.size)
 
-    def to_uint8(self, background: str | Sequence[float] | None = None) -> NDArray[np.uint8]:
+    def to_uint8(self, background: Background | None = None) -> NDArray[np.uint8]:
         """The image as screens and PNG files want it: sRGB-encoded, 0 to 255, rounded to nearest, clipped to [0, 1].
 
         Parameters
@@ -150,14 +245,15 @@ class Image:
             premultiplied and whose alpha is linear.
         """
         background = self.background if background is None else background
-        behind = None if is_clear(background) else linear_rgb(background, "background")  # type: ignore[arg-type]
+        behind = None if is_clear(background) else _behind(background, self.size)  # type: ignore[arg-type]
         width, height = self.size
         pixels = np.empty((height, width, 4 if behind is None else 3), np.uint8)
         # In strips: what is on the way is many times as large as what comes of it.
         rows = max(STRIP // width, 1)
         for start in range(0, height, rows):
             strip = self.rgba[start : start + rows].astype(np.float64)
-            pixels[start : start + rows] = _straight(strip) if behind is None else _in_front(strip, behind)
+            here = behind if behind is None or behind.ndim == 1 else behind[start : start + rows]
+            pixels[start : start + rows] = _straight(strip) if here is None else _in_front(strip, here)
         return pixels
 
     def plot(self, ax: Axes | None = None, scalar_bar: bool = True, axes: bool = True, outline: bool = False) -> Axes:
@@ -203,7 +299,7 @@ class Image:
         self.plot()
         plt.show()
 
-    def save(self, path: str | os.PathLike[str], background: str | Sequence[float] | None = None) -> None:
+    def save(self, path: str | os.PathLike[str], background: Background | None = None) -> None:
         """Write the image; the file appears whole or not at all.
 
         Parameters
@@ -242,7 +338,7 @@ class Image:
             with whole_file(path) as file:
                 FLOAT_WRITERS[suffix](file, self.rgba)
 
-    def png(self, background: str | Sequence[float] | None = None) -> bytes:
+    def png(self, background: Background | None = None) -> bytes:
         """The bytes of a PNG file, for pipes and web pages; ``background`` as for :meth:`to_uint8`."""
         png = BytesIO()
         _write_png(png, self.to_uint8(background))
@@ -269,6 +365,19 @@ class BoundedImage(Image):
     """
 
     error_bound: NDArray[np.floating]
+
+
+def _behind(background: Background, size: tuple[int, int]) -> NDArray[np.float64]:
+    """Linear RGB of a background, (3,) or of each pixel."""
+    if np.ndim(background) < 2:
+        return linear_rgb(background, "background")  # type: ignore[arg-type]
+    pixels = np.asarray(background)
+    if pixels.shape != (*size[::-1], 3) or pixels.dtype.kind not in "fu" or not np.all(np.isfinite(pixels)):
+        raise ValueError(
+            f"background must be a colour or (height, width, 3) = {(*size[::-1], 3)}, uint8 sRGB or finite linear "
+            f"floats, got {pixels.dtype} {pixels.shape}"
+        )
+    return srgb_to_linear(pixels / 255) if pixels.dtype == np.uint8 else pixels.astype(np.float64)
 
 
 def _straight(rgba: NDArray[np.float64]) -> NDArray[np.uint8]:

@@ -38,6 +38,7 @@ class Look(TypedDict, total=False):
 class Options(Look, total=False):
     """Keywords of :func:`wvr.render` but those that say which kind of image it returns."""
 
+    depth: Any
     cancel: Event | None
 
 

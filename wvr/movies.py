@@ -246,7 +246,8 @@ def _split(function: str, transfer_function: Any, options: MovieOptions) -> tupl
     known = MovieOptions.__annotations__
     refuse(function, {name: given[name] for name in given if name not in known}, tuple(known))
     look = {name: given[name] for name in LOOK if name in given}
-    return Call(transfer_function, **look), {name: given[name] for name in given if name not in LOOK}
+    call = Call(transfer_function, integrator=given.get("integrator"), **look)
+    return call, {name: given[name] for name in given if name not in LOOK}
 
 
 def save_movie(

@@ -14,7 +14,7 @@ from .cuts.base import Clip, clip_list
 from .cuts.labels import Segmentation
 from .defaults import Call
 from .field.base import Field
-from .frame import Frame
+from .frame import Frame, ends_of
 from .image import BoundedImage, Image
 from .integrators import Bounding, Integrator, of_tolerance
 from .keep import Keeper
@@ -137,7 +137,9 @@ class Renderer:
         """
         return sum((keep.builds for keep in self._keepers.values()), Counter())
 
-    def render(self, camera: Camera, size: tuple[int, int] = (512, 512), cancel: Event | None = None) -> Image:
+    def render(
+        self, camera: Camera, size: tuple[int, int] = (512, 512), cancel: Event | None = None, depth: Any = None
+    ) -> Image:
         """Render one frame.
 
         Threads may share a renderer: its frames come one after the other, each of the attributes that there are when
@@ -151,6 +153,8 @@ class Renderer:
             (width, height) in pixels.
         cancel
             Ends the frame early once it is set; see :func:`render`. What was kept for other frames is kept.
+        depth
+            Where rays end; see :func:`render`.
 
         Raises
         ------
@@ -158,9 +162,9 @@ class Renderer:
             Where ``cancel`` is set before the frame is done.
         """
         with cancelling(cancel), self._lock.held():
-            return self._render(camera, size)
+            return self._render(camera, size, depth)
 
-    def _render(self, camera: Camera, size: tuple[int, int]) -> Image:
+    def _render(self, camera: Camera, size: tuple[int, int], depth: Any) -> Image:
         # Of one set of attributes, whatever is assigned meanwhile.
         tf, labels = self.transfer_function, self.segmentation
         if isinstance(self.volume, Field):
@@ -183,10 +187,11 @@ class Renderer:
             volume.look()
         scene.check(camera)
         size = image_size(size)
+        ends = ends_of(depth, size)
         device = get_device(self.device)
         keep = self._keepers.setdefault(device.alias, Keeper(device))
         try:
-            image = Frame(scene, camera, size, keep).render()
+            image = Frame(scene, camera, size, keep, ends).render()
         finally:
             keep.end_of_frame()
         advise(scene, image)
@@ -234,6 +239,7 @@ def render(
     skip_empty: bool = True,
     clip: Clip | Sequence[Clip] | None = None,
     segmentation: Segmentation | None = None,
+    depth: Any = None,
     cancel: Event | None = None,
     **unknown: NoReturn,
 ) -> Image:
@@ -297,6 +303,10 @@ def render(
     segmentation
         Labels of the samples and a transfer function for each, with boundaries cut as exactly; see
         :class:`Segmentation`.
+    depth
+        (height, width): where rays end, from the camera's plane along the view [world length]; NaN and infinite are no
+        end. What is behind something opaque is not seen then, exactly, and bounds hold: of a PyVista plotter that has
+        been shown it is ``-plotter.get_image_depth()``. See docs/projections.md.
     cancel
         A ``threading.Event``. Once another thread sets it, rays under way are finished, on CUDA all that was launched,
         and the render ends with :class:`Cancelled`; nothing is left running. By default nothing cancels it.
@@ -330,10 +340,10 @@ def render(
     >>> wvr.render(wvr.datasets.load("blobs", 16), "viridis", opacity="sigmoid_5", camera="iso", size=(8, 6)).size
     (8, 6)
     """
-    refuse("render", unknown, ("transfer_function", "camera", "size", "cancel", *MovieOptions.__annotations__))
+    refuse("render", unknown, ("transfer_function", "camera", "size", "depth", "cancel", *MovieOptions.__annotations__))
     volume = as_volume(volume)
     size = image_size(size)
-    call = Call(transfer_function, camera, opacity, clim, lighting, shadows, background, segmentation, clip)
+    call = Call(transfer_function, camera, opacity, clim, lighting, shadows, background, segmentation, clip, integrator)
     look = call.look(volume, size)
     renderer = Renderer(
         volume,
@@ -350,4 +360,4 @@ def render(
         clip=clip,
         segmentation=segmentation,
     )
-    return renderer.render(look.camera, size, cancel)
+    return renderer.render(look.camera, size, cancel, depth)

@@ -136,6 +136,8 @@ class Scene:
                 )
         low, high = self.volume.range if self.volume.shifts else (0.0, 0.0)
         scale = max(float(np.abs(tf.knots).max()) for tf in self.functions) or 1.0
+        # What is only looked for is float64.
+        most = LARGEST["float64"] if self.integrator.probes else most
         if max(abs(low), abs(high)) > scale * most:
             raise ValueError(
                 f"volume has samples from {low:.3g} to {high:.3g}, which {precision} does not hold together with "
@@ -145,7 +147,7 @@ class Scene:
     @cached_property
     def normal(self) -> Scene:
         """The same, with scalars of order one: where they are far from it, in another unit, a power of two."""
-        if not self.volume.shifts:
+        if not self.volume.shifts or self.integrator.probes:
             return self
         exponent = int(np.frexp(max(float(np.abs(tf.knots).max()) for tf in self.functions))[1])
         if abs(exponent) <= ORDINARY:
@@ -190,7 +192,7 @@ class Scene:
         All that is between half of it and twice of it is reduced without rounding, and what is less or more stays so:
         a sample is on the same side of a control point as before.
         """
-        if not self.volume.shifts:
+        if not self.volume.shifts or self.integrator.probes:
             return 0.0
         ends = [tf.knots[[0, -1]] for tf in self.functions]
         low, high = float(np.min(ends)), float(np.max(ends))
@@ -210,6 +212,9 @@ class Scene:
         """Which blocks there is something to see in, for the integrator or for sweeps of light: ``Kinds``,
         ``LabelKinds`` or ``Everything``.
         """
+        own = None if sweeps else self.integrator.kinds(self)
+        if own is not None and self.skip_empty:
+            return own
         if self.volume.blocks() is None or (not self.skip_empty and self.segmentation is None):
             return Everything(self.volume)
         shift = self.shift

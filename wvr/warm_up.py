@@ -62,6 +62,8 @@ def warm_up(
     done = []
     for kind in kinds:
         for light in lit:
+            if light and integrator is not None and integrator.unlit:
+                continue
             scene = {"lighting": light, "shadows": shade, "integrator": integrator, "device": device}
             render(Volume(samples.astype(kind)), tf, "iso", (16, 16), **(scene | options))
             done.append(f"{kind}, {'lit' if light else 'not lit'}{', with shadows' if shade else ''}")

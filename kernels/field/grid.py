@@ -6,6 +6,7 @@ from typing import Any
 from .cell import make_centered, make_cubic, make_extent
 from .cubics import make_centered as make_centered_of
 from .cubics import make_cubics, make_cubics_one_by_one
+from .peaks import make_seek
 from .samples import make_differences, make_samples, make_value
 
 
@@ -42,6 +43,10 @@ class Grid:
     def extent(self) -> Any:
         """``extent(field, i, j, k)`` -> lowest, highest corner of a cell."""
         return make_extent(self.dtype)
+
+    def seek(self, sign: int) -> Any:
+        """``seek`` of ``field.peaks``, from cell to cell in which there may be more or, with a sign of -1, less."""
+        return make_seek(self.dtype, sign)
 
     def cubics(self, vectors: bool, count: int) -> Any:
         """``cubics`` of ``field.cubics``, of up to ``count`` cells: in vectors, or one by one."""

@@ -36,20 +36,16 @@ class Half:
 
 
 @cache
-def make_exact(halves):
-    """The march, as of ``scene``; what it counts are pieces that are integrated."""
+def make_through(halves):
+    """``through(scene, cell, here)``: segment of a piece in a cell, and the number of its own pieces."""
     finite = halves.field.finite
     Scene = halves.Scene
     cubic = halves.field.cubic()
     _, interval, _ = make_transfer(wp.float64)
-    eye_of = make_shading(halves).eye
     piece, cut = make_pieces(halves)
-    _, enter, _, _ = make_walk(wp.float64)
-    _, gather = make_gather()
 
     @wp.func
     def through(scene: Scene, cell: wp.vec3i, here: Piece):
-        """Segment of a piece in a cell, and the number of its own pieces."""
         corner = wp.vec3d(wp.float64(cell[0]), wp.float64(cell[1]), wp.float64(cell[2]))
         here.s = cubic(scene.field, cell[0], cell[1], cell[2], here.start - corner, here.d)
         if not wp.static(finite):
@@ -66,6 +62,18 @@ def make_exact(halves):
             return piece(scene, here, k), int(1)
         segment, _error, count = cut(scene, here)
         return segment, count
+
+    return through
+
+
+@cache
+def make_exact(halves):
+    """The march, as of ``scene``; what it counts are pieces that are integrated."""
+    Scene = halves.Scene
+    eye_of = make_shading(halves).eye
+    through = make_through(halves)
+    _, enter, _, _ = make_walk(wp.float64)
+    _, gather = make_gather()
 
     @wp.func
     def march(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, start: wp.float64, stop: wp.float64):

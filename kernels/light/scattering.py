@@ -123,7 +123,7 @@ def make_scattering(halves):
         x, y = pixel(scene.view, wp.tid() + base)
         if y >= scene.view.height:
             return
-        point, along, inside = entry(scene.view, x, y)
+        point, along, inside, _first = entry(scene.view, x, y)
         eye = -wp.normalize(scene.light.shading.ahead @ along)
         origin = vec3(point)
         direction = vec3(along)

@@ -9,7 +9,7 @@ import warp as wp
 
 from ..field.walk import MARGIN, make_walk
 from ..precision import vec3_of, vec4_of
-from ..ray import entry, inside, inverted, pixel
+from ..ray import ending, entry, inside, inverted, pixel
 from ..segment import make_absorbed, over, widened
 from ..transfer.function import make_transfer
 from ..transfer.lookup import make_table
@@ -114,9 +114,11 @@ def make_advance(halves):
         if seen_by.shown[y, x] == wp.uint8(0):
             return
         before = seen_by.rgba[y, x]
-        point, way, whole = entry(scene.view, x, y)
+        point, way, whole, entered = entry(scene.view, x, y)
+        ends, _loose = ending(scene.view, x, y)
         view = scene.view
         enters, leaves = inside(view.seen_low, view.seen_high, point, inverted(way), wp.float64(0.0), whole)
+        leaves = wp.min(leaves, ends - entered)
         if not leaves > enters:
             return
         # Rays begin and end with what there is to see.

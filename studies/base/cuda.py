@@ -24,6 +24,7 @@ import warp as wp
 import wvr
 import wvr.frame
 import wvr.launch
+import wvr.probe
 from wvr.integrators import Integrator
 from wvr.kernels.field.strides import make_octants
 from wvr.light.lighting import MODES
@@ -52,7 +53,7 @@ def volume(dtype: str = "uint8", **options: Any) -> wvr.Volume:
     return wvr.Volume(np.linspace(0, 100, 6**3).reshape(6, 6, 6).astype(dtype), **options)
 
 
-def scenes() -> dict[str, Callable[[], wvr.Image]]:
+def scenes() -> dict[str, Callable[[], Any]]:
     """By name, calls that between them ask for a kernel of every kind."""
     box, ball = wvr.ClipBox((1, 1, 1), (4, 4, 4)), wvr.ClipSphere((2, 2, 2), 2.0, invert=True)
     solid = wvr.ClipVolume(volume("float32"), 50.0)
@@ -63,7 +64,7 @@ def scenes() -> dict[str, Callable[[], wvr.Image]]:
         "cut": {"clip": [box, ball]},
         "float64": {"precision": "float64"},
     }
-    calls: dict[str, Callable[[], wvr.Image]] = {}
+    calls: dict[str, Callable[[], Any]] = {}
 
     def add(name: str, field: wvr.Volume, tf: Any = TF, **options: Any) -> None:
         calls[name] = partial(wvr.render, field, tf, "iso", (16, 16), **({"lighting": False} | options))
@@ -80,6 +81,13 @@ def scenes() -> dict[str, Callable[[], wvr.Image]]:
     for mode in MODES:
         lighting = wvr.Lighting(mode, light=wvr.DirectionalLight((1, 1, 1)), gradient="cell")
         add(f"preintegrated {mode}", volume(), integrator=wvr.Preintegrated(1.0), lighting=lighting)
+    add("maximum", volume(), integrator=wvr.Projection("max"))
+    add("minimum absent", volume("float32", nan="transparent"), integrator=wvr.Projection("min"))
+    add("maximum labels cut", volume(), integrator=wvr.Projection("max"), segmentation=labels, clip=box)
+    add("mean", volume("int16"), integrator=wvr.Projection("mean"))
+    add("isosurface", volume(), integrator=wvr.Isosurface([30, 60]))
+    add("isosurface lit", volume("float16"), integrator=wvr.Isosurface([30]), lighting=wvr.Lighting())
+    calls["depth"] = lambda: wvr.render(volume(), TF, "iso", (16, 16), integrator=wvr.Riemann(0.5)).depth()
     for preintegrated in (False, True):
         name = "preintegrated shadows" if preintegrated else "shadows"
         shadows = wvr.ConvolutionShadows(preintegrated=preintegrated, subsamples=int(preintegrated))
@@ -91,13 +99,16 @@ def scenes() -> dict[str, Callable[[], wvr.Image]]:
 @contextmanager
 def _asked_for(kernels: dict[wp.Kernel, str], name: str) -> Iterator[None]:
     """Kernels that calls within would run on a GPU; rays are not cast."""
-    make, load = wvr.frame.make_raycast, wvr.launch._load
+    load = wvr.launch._load
 
-    def made(halves: Any) -> None:
-        kernels.setdefault(make(replace(halves, vectors=False)), name)
+    def maker(make: Callable[[Any], wp.Kernel]) -> Callable[[Any], None]:
+        def made(halves: Any) -> None:
+            kernels.setdefault(make(replace(halves, vectors=False)), name)
+
+        return made
 
     def cast(_: None, inputs: list[Any], *__: Any) -> None:
-        for array in inputs[1:3]:
+        for array in inputs[1:]:
             array.zero_()
 
     def loaded(kernel: wp.Kernel, alias: str) -> None:
@@ -106,8 +117,10 @@ def _asked_for(kernels: dict[wp.Kernel, str], name: str) -> Iterator[None]:
         load(kernel, alias)
 
     with (
-        patch.object(wvr.frame, "make_raycast", made),
+        patch.object(wvr.frame, "make_raycast", maker(wvr.frame.make_raycast)),
+        patch.object(wvr.probe, "make_probing", maker(wvr.probe.make_probing)),
         patch.object(wvr.frame, "launch_pixels", cast),
+        patch.object(wvr.probe, "launch_pixels", cast),
         patch.object(wvr.launch, "_load", loaded),
         catch_warnings(),
     ):

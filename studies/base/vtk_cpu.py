@@ -41,12 +41,14 @@ class VtkCpu:
         round interpolated samples to grey levels; 1 for any other.
     threads
         VTK's number of threads.
+    maximum
+        Whether it projects the largest sample of a ray, its maximum intensity projection.
     """
 
-    def __init__(self, scene: Scene, scale: int, threads: int):
+    def __init__(self, scene: Scene, scale: int, threads: int, maximum: bool = False):
         context = multiprocessing.get_context("spawn")
         self._connection, other = context.Pipe()
-        self._process = context.Process(target=_serve, args=(other, scene, scale, threads), daemon=True)
+        self._process = context.Process(target=_serve, args=(other, scene, scale, threads, maximum), daemon=True)
         self._process.start()
         other.close()
 
@@ -81,13 +83,15 @@ class VtkCpu:
         return answer
 
 
-def _serve(connection: Connection, scene: Scene, scale: int, threads: int) -> None:
+def _serve(connection: Connection, scene: Scene, scale: int, threads: int, maximum: bool) -> None:
     """Answers questions until the parent ends it."""
     # Without a display VTK looks for X first, and may end the process.
     if sys.platform == "linux" and not os.environ.get("DISPLAY"):
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     try:
         window, mapper = _window(scene, scale, threads)
+        if maximum:
+            mapper.SetBlendModeToMaximumIntensity()
         pixels = _Pixels(window, scene.size)
         frame = timed(pixels.render)
         while True:

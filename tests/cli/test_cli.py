@@ -539,3 +539,20 @@ def test_warnings_are_lines_of_their_own(run):
     assert (
         code == 0 and "wvr: warning: nothing is visible" in err and "from 0 to 63" in err and "from 500 to inf" in err
     )
+
+
+def test_projections_and_isosurfaces(run, tmp_path):
+    """As of the API, and one of the ways at a time."""
+    for option, integrator in (
+        (("--projection", "max"), wvr.Projection("max")),
+        (("--isosurface", "60,120"), wvr.Isosurface([60, 120])),
+    ):
+        output = tmp_path / "picture.npy"
+        out = render_spheres(run, *option, "--size", "9x8", "-o", output)
+        assert "errors up to" in out
+        expected = wvr.render(spheres(), size=(9, 8), integrator=integrator)
+        assert np.array_equal(np.load(output), expected.rgba)
+    code, _, err = run("render", "spheres", "--projection", "max", "--isosurface", "60", "-o", tmp_path / "a.png")
+    assert code != 0 and "give one of --projection, --isosurface" in err
+    code, _, err = run("render", "spheres", "--isosurface", "much", "-o", tmp_path / "a.png")
+    assert code != 0 and "--isosurface must be scalars such as 90 or 90,140, got 'much'" in err

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from ..defaults import BACKGROUND
+from ..defaults import BACKGROUND, domain_of, has_surfaces
 from .options import (
     Vector,
     Vectors,
     clips_of,
-    integrator_of,
     labels_of,
     lighting_of,
+    method_of,
     shadows_of,
     size_of,
     transfer_function_of,
@@ -58,6 +58,11 @@ class Look:
     integrator
         Instead of a tolerance: NAME:VALUE:... with the values in the order of the API: riemann:0.5, riemann:0.5:left,
         preintegrated:1:4.
+    projection
+        The largest, smallest or mean value along each ray, or the line integral, in the colours of --tf or --cmap (by
+        default grey) over --clim.
+    isosurface
+        Surfaces where the field is SCALAR,SCALAR,..., lit; colours and opacities are those of --tf or --cmap there.
     lighting
         "on" or "off"; by default on where opacities are suggested and the data have surfaces. Or light from the camera:
         interpolated, or another mode of the API, MODE:AMBIENT:DIFFUSE:SPECULAR:SHININESS with what is left out as in
@@ -95,6 +100,8 @@ class Look:
     labels: Path | None = None
     tolerance: float | None = None
     integrator: str | None = None
+    projection: Literal["max", "min", "mean", "sum"] | None = None
+    isosurface: Vector | None = None
     lighting: str | None = None
     shadows: Vector | None = None
     size: str = "512x512"
@@ -113,7 +120,7 @@ class Look:
         import wvr
 
         found = {
-            "integrator": None if self.integrator is None else integrator_of(self.integrator),
+            "integrator": method_of(self.integrator, self.projection, self.isosurface),
             "tolerance": self.tolerance,
             "lighting": None if self.lighting is None else lighting_of(self.lighting),
             "shadows": None if self.shadows is None else shadows_of(self.shadows),
@@ -130,11 +137,13 @@ class Look:
 
     def of(self, volume: Volume, keywords: dict[str, Any]) -> Looks:
         """The same with what depends on the volume."""
-        function, chosen = transfer_function_of(self.tf, self.cmap, self.opacity, self.clim, volume)
+        method = keywords["integrator"]
+        function, chosen = transfer_function_of(self.tf, self.cmap, self.opacity, self.clim, volume, method)
         function = function.for_volume(volume)
         segmentation, files = (None, ()) if self.labels is None else labels_of(self.labels, function)
         found = keywords | {"transfer_function": function, "segmentation": segmentation}
-        if chosen is not None:
-            found["lighting"] = chosen.surfaces if keywords["lighting"] is None else keywords["lighting"]
+        plain = self.tf is None and self.cmap is None and domain_of(method, volume) is not None
+        if chosen is not None or plain:
+            found["lighting"] = has_surfaces(method, chosen) if keywords["lighting"] is None else keywords["lighting"]
             found["background"] = BACKGROUND if self.background is None else self.background
         return Looks(found, files)

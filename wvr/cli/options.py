@@ -186,11 +186,40 @@ def _default_direction(up: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(direction.tolist())
 
 
+def method_of(integrator: str | None, projection: str | None, isosurface: str | None) -> Integrator | None:
+    """The integrator that one of the options means."""
+    given = [
+        (n, t) for n, t in (("integrator", integrator), ("projection", projection), ("isosurface", isosurface)) if t
+    ]
+    if len(given) > 1:
+        raise ValueError(
+            f"give one of {', '.join(f'--{name}' for name, _ in given)}, got {given[0][1]!r} and {given[1][1]!r}"
+        )
+    if projection is not None:
+        from ..integrators import Projection
+
+        return Projection(projection)  # type: ignore[arg-type]
+    if isosurface is not None:
+        from ..integrators import Isosurface
+
+        try:
+            values = [float(part) for part in isosurface.split(",")]
+        except ValueError:
+            raise ValueError(f"--isosurface must be scalars such as 90 or 90,140, got {isosurface!r}") from None
+        return Isosurface(values)
+    return None if integrator is None else integrator_of(integrator)
+
+
 def transfer_function_of(
-    text: str | None, cmap: str | None, opacity: str | None, clim: str | None, volume: Volume
+    text: str | None,
+    cmap: str | None,
+    opacity: str | None,
+    clim: str | None,
+    volume: Volume,
+    method: Integrator | None = None,
 ) -> tuple[TransferFunction, Suggestion | None]:
     """What --tf, --cmap, --opacity and --clim mean, and the suggestion that it is from, if it is."""
-    from ..defaults import function_of
+    from ..defaults import domain_of, function_of
     from ..transfer_function import TransferFunction
 
     if text is not None and cmap is not None:
@@ -209,7 +238,7 @@ def transfer_function_of(
     elif cmap is not None:
         given = cmap.split(",") if "," in cmap else _checked_colormap(cmap)
     try:
-        return function_of(given, volume, strengths, limits)
+        return function_of(given, volume, strengths, limits, domain_of(method, volume))
     except ValueError as error:
         # By the names that they have here.
         message = re.sub("^transfer_function must", "--tf must", str(error))

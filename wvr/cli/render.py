@@ -8,6 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from ..defaults import framed_by
 from ..image import PIXEL_WRITERS
 from .look import Look
 from .options import Lens, Vector, camera_of
@@ -65,7 +66,7 @@ def render(
         if not piped:
             check_kept(output, volume.files + read)
         lens = Lens(view_angle, parallel, width / height)
-        shown = keywords["segmentation"] or keywords["transfer_function"]
+        shown = keywords["segmentation"] or framed_by(keywords["integrator"], keywords["transfer_function"])
         view = camera_of(volume, shown, keywords["clip"], (camera, direction, up), lens)
         stage("rendering")
         image = wvr.render(volume, camera=view, **keywords)

@@ -6,7 +6,7 @@ way that leaves slices: whole samples are dropped. A cut face is lit by the cut'
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -35,6 +35,10 @@ class Clip:
     def check_flags(self) -> None:
         """Say so where ``invert`` or ``naive`` is neither True nor False."""
         flag(self.invert, "invert"), flag(self.naive, "naive")
+
+    def exact(self) -> Clip:
+        """The same, with rays cut where its surface is."""
+        return replace(self, naive=False) if self.naive else self  # type: ignore[type-var]
 
     def check(self, scene: Scene) -> None:
         """Say so where the scene's other pieces do not go with this one."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
@@ -85,6 +85,9 @@ class ClipVolume(Clip):
     def _check_finite(self) -> None:
         if self.volume.has_nonfinite:
             raise ValueError("volume of a ClipVolume must have finite samples, got NaN or infinite ones")
+
+    def exact(self) -> ClipVolume:
+        return replace(self, naive=False, parts=None)
 
     def check(self, scene: Scene) -> None:
         # They may have been written since.

@@ -7,13 +7,25 @@ from .adaptive_simpson import AdaptiveSimpson
 from .base import Integrator
 from .certified import Certified
 from .exact import Exact
+from .isosurface import Isosurface
+from .projection import Projection
 from .uniform import Preintegrated, Riemann, Simpson
 
-KINDS = (Riemann, Simpson, Preintegrated, AdaptivePreintegrated, AdaptiveSimpson, Exact, Certified)
+KINDS = (
+    Riemann,
+    Simpson,
+    Preintegrated,
+    AdaptivePreintegrated,
+    AdaptiveSimpson,
+    Exact,
+    Certified,
+    Projection,
+    Isosurface,
+)
 
 
 # Those whose images have a bound, for type checkers.
-Bounding: TypeAlias = Certified
+Bounding: TypeAlias = Certified | Projection | Isosurface
 
 
 def of_tolerance(tolerance: float) -> Integrator:
@@ -29,7 +41,9 @@ __all__ = [
     "Certified",
     "Exact",
     "Integrator",
+    "Isosurface",
     "Preintegrated",
+    "Projection",
     "Riemann",
     "Simpson",
     "of_tolerance",

@@ -13,6 +13,7 @@ from ..transfer.function import Transfer
 from ..transfer_function import TransferFunction
 
 if TYPE_CHECKING:
+    from ..field.base import Field
     from ..frame import Frame
     from ..scene import Scene
 
@@ -36,6 +37,12 @@ class Integrator(ABC):
     segments: ClassVar[bool] = False
     #: What it asks of a field's device half besides ``value`` and ``differences``: "cubic", "centered", "extent".
     asks: ClassVar[tuple[str, ...]] = ()
+    #: Whether it looks for values and places along rays (``kernels.probe``), and does not march them.
+    probes: ClassVar[bool] = False
+    #: Whether what it finds are values, which colours and the bound are of.
+    valued: ClassVar[bool] = False
+    #: Whether it shows surfaces, which are lit by default; None where data say that.
+    surfaces: ClassVar[bool | None] = None
     #: Ways of clipping that it has steps for, besides the exact one.
     clips: ClassVar[tuple[str, ...]] = ()
 
@@ -85,6 +92,24 @@ class Integrator(ABC):
     def termination(self, scene: Scene) -> float:
         """Transparency at which a ray ends, where the user does not say."""
         return TERMINATION
+
+    def kinds(self, scene: Scene) -> Part | None:
+        """Which blocks it has something to see in, where transfer functions do not say that."""
+        return None
+
+    def domain(self, volume: Field) -> tuple[float, float] | None:
+        """What colours are of where a call says nothing of them, of those that are of values; opacities are 1 then."""
+        return None
+
+    def framed(self, tf: TransferFunction) -> TransferFunction:
+        """By what is opaque to a transfer function, what it shows: a camera that is not given frames that."""
+        return tf
+
+    def reaching(self, opacity: float) -> Integrator:
+        """Another, that finds where rays have an opacity."""
+        from .reach import Reach
+
+        return Reach(opacity)
 
     def check(self, scene: Scene) -> None:  # noqa: B027 - most have nothing to say
         """Say so where it cannot do what the scene asks for."""

@@ -114,8 +114,9 @@ class Lighting:
         kinds = self.half(scene, False).kinds
         knots = np.concatenate([tf.knots for tf in scene.functions])
         matrix = scene.volume.index_to_world
-        # The gradient is a number: a change over a voxel, in parts of the transfer functions' range.
-        scale = scene.unit / (float(np.ptp(knots)) or 1.0)
+        # The gradient is a number: a change over a voxel, in parts of the range of what is seen.
+        seen = scene.volume.range if scene.integrator.surfaces else knots
+        scale = scene.unit / (float(np.ptp(seen)) or 1.0)
         shading = Shading()
         for name in ("ambient", "diffuse", "specular", "shininess"):
             setattr(shading, name, getattr(self, name))

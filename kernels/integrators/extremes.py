@@ -1,0 +1,145 @@
+"""The largest or smallest value of the field along a ray: of the cubic in each cell, at its ends and where it turns.
+
+Smallest ones are the largest of what is counted downwards. Peaks say of blocks of 4, 16 and 64 cells along each axis
+how much there is at most, so that a ray leaps over what cannot exceed what it has already found; the block of 16 with
+the highest peak is looked at first.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..field.cell import at, turns
+from ..field.peaks import Peaks, promising
+from ..field.walk import make_walk
+from ..transfer.function import make_transfer
+from .found import Found
+
+
+@wp.struct
+class Extreme:
+    peaks: Peaks  # of values times the sign
+    off: wp.float64  # rounding of a value
+    range: wp.float64  # of the samples
+
+
+@dataclass(frozen=True)
+class Half:
+    """The device half of largest and smallest values."""
+
+    sign: int  # 1 for the largest, -1 for the smallest
+    bounded = True
+    tabled = False
+    borders = False
+
+    def Struct(self, halves):
+        return Extreme
+
+    def probe(self, halves):
+        return make_probe(halves)
+
+    def told(self, halves):
+        return make_told(halves)
+
+
+@cache
+def make_probe(halves):
+    """``probe`` of ``kernels.probe``."""
+    real = wp.float64
+    Scene = halves.Scene
+    finite = halves.field.finite
+    seek = halves.field.seek(halves.march.sign)
+    value = halves.field.value(real)
+    sign = wp.constant(real(halves.march.sign))
+    Walk, enter, _, _ = make_walk(real)
+
+    @wp.func
+    def search(scene: Scene, walk: Walk, stop: real, found: Found):
+        best = found.value
+        place = found.place
+        count = int(0)
+        w = walk
+        while w.t < stop:
+            w, crest = seek(scene.field, scene.march.peaks, w, stop, best, place)
+            known = crest.t < stop
+            if not wp.static(finite):
+                known = known and wp.isfinite(crest.cubic[3])
+            if known:
+                count += 1
+                c = crest.cubic
+                L = wp.min(w.t, stop) - crest.t
+                first, second = turns(c, L)
+                for n in range(4):
+                    u = real(0.0)
+                    if n == 1:
+                        u = first
+                    elif n == 2:
+                        u = second
+                    elif n == 3:
+                        u = L
+                    s = wp.min(at(c, u), crest.top)
+                    if s > best or (s == best and crest.t + u < place):
+                        best = s
+                        place = crest.t + u
+        if best > found.value or place != found.place:
+            found.held = found.state
+        found.value = best
+        found.place = place
+        found.count += count
+        return found
+
+    @wp.func
+    def probe(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, start: wp.float64, stop: wp.float64, given: Found):
+        found = given
+        w = enter(scene.field.last, origin, direction, start)
+        end = wp.min(stop, w.out)
+        begin = w
+        until = start
+        known = bool(False)
+        if found.hint >= start and found.hint <= end:
+            # Much the same as what there is beside.
+            s = sign * value(scene.field, origin + found.hint * direction)
+            if s > found.value:
+                found.value = s
+                found.place = found.hint
+                found.held = found.state
+                known = True
+        if not known:
+            begin, until = promising(scene.march.peaks, w, end, found.value)
+        for turn in range(2):
+            if turn == 1:
+                begin = w
+                until = end
+            found = search(scene, begin, until, found)
+        found.length += stop - start
+        return found
+
+    return probe
+
+
+@cache
+def make_told(halves):
+    """``told`` of ``kernels.probe``."""
+    Scene = halves.Scene
+    _, _, classify = make_transfer(wp.float64)
+
+    @wp.func
+    def told(scene: Scene, direction: wp.vec3d, given: Found):
+        found = given
+        peaks = scene.march
+        if found.value > -wp.float64(wp.inf):
+            found.value *= wp.float64(wp.static(halves.march.sign))
+            if wp.static(halves.cuts.labels is not None):
+                scene.transfer = scene.cuts.labels.transfers[found.held]
+            q = classify(scene.transfer, found.value)
+            found.rgba = wp.vec4d(q[0], q[1], q[2], wp.float64(1.0))
+            slope = peaks.range * (wp.abs(direction[0]) + wp.abs(direction[1]) + wp.abs(direction[2]))
+            off = peaks.off + peaks.range * wp.float64(3.0) * scene.view.astray + slope * found.loose
+            found.bound = wp.min(off, peaks.range + peaks.off)
+        else:
+            found.length = wp.float64(0.0)
+            found.value = wp.float64(wp.nan)
+        return found
+
+    return told

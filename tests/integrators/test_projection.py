@@ -1,0 +1,254 @@
+"""Projections: against NumPy along the axes, against enclosures on any ray, and what theory says of them."""
+
+import numpy as np
+import pytest
+
+import wvr
+
+from ..extending.marschner_lobb import MarschnerLobb
+from ..helpers import centered
+from ..scenes import volumes
+from .probes import project, scene_of
+
+GREY = wvr.TransferFunction([(0, "black", 1.0), (255, "white", 1.0)])
+SPAN = wvr.TransferFunction([(-1e9, "black", 1.0), (1e9, "white", 1.0)])
+WHAT = ("max", "min", "mean", "sum")
+VOLUMES = volumes()
+
+
+def image_of(volume, what, camera, size=(24, 20), **options):
+    return wvr.render(volume, SPAN, camera, size, integrator=wvr.Projection(what), **options)
+
+
+def held(image, what, scene, camera, pixels):
+    """That values of pixels are as near to the truth as their bounds say; the number of them."""
+    height, width = image.values.shape
+    for x, y in pixels:
+        truth = project(scene, camera, (width, height), (x, y))
+        value, bound = image.values[y, x], image.error_bound[y, x]
+        if truth is None:
+            assert np.isnan(value)
+            continue
+        middle, radius = truth[what]
+        assert radius < 1e-20 * (1 + abs(middle))
+        assert abs(value - middle) <= bound, (what, x, y)
+    return len(pixels)
+
+
+def pixels(size, count, seed=0):
+    rng = np.random.default_rng(seed)
+    return [(int(rng.integers(size[0])), int(rng.integers(size[1]))) for _ in range(count)]
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "int16", "float16", "float64"])
+def test_maximum_along_an_axis(dtype):
+    """That of the samples, which is where it is taken."""
+    samples = np.random.default_rng(1).integers(0, 120, (9, 11, 13)).astype(dtype)
+    camera = wvr.Camera((6, 5, 50), (6, 5, 4), up=(0, 1, 0), parallel_scale=5.5)
+    image = wvr.render(wvr.Volume(samples), GREY, camera, (13, 11), integrator=wvr.Projection("max"))
+    expected = samples.max(axis=0)[::-1].astype(np.float64)
+    assert np.array_equal(image.values, expected)
+    assert np.allclose(image.rgba[..., 0], expected / 255, atol=1e-6) and np.all(image.rgba[..., 3] == 1)
+    nearest = 8 - np.argmax(samples[::-1], axis=0)[::-1]
+    assert np.abs(image.depth() - (50 - nearest)).max() < 1e-9
+    assert np.all(image.error_bound[1:-1, 1:-1] < 1e-9)
+    # Rounding decides whether rays in a face meet the volume.
+    assert np.all(np.isinf(image.error_bound[0]))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("what", ["min", "mean", "sum"])
+def test_others_along_an_axis(axis, what):
+    """Minima of samples, and means and integrals by the trapezoidal rule, which is exact between samples."""
+    samples = np.random.default_rng(2).integers(0, 256, (8, 10, 12)).astype(np.uint8)
+    h = 0.7
+    volume = wvr.Volume(samples, (h, h, h))
+    middle = h * (np.array(samples.shape[::-1]) - 1) / 2
+    ahead, up = 2 - axis, (4 - axis) % 3
+    camera = wvr.Camera(
+        middle + 40 * np.eye(3)[ahead], middle, np.eye(3)[up], parallel_scale=h * volume.dimensions[up] / 2
+    )
+    width, height = volume.dimensions[3 - ahead - up], volume.dimensions[up]
+    image = image_of(volume, what, camera, (width, height))
+    lines = np.moveaxis(samples.astype(float), axis, -1)
+    integral = np.trapezoid(lines, axis=-1) * h
+    expected = {"min": lines.min(-1), "sum": integral, "mean": integral / (h * (samples.shape[axis] - 1))}[what]
+    # Rays in the faces of the volume may miss it.
+    x, y = (n.ravel() for n in np.meshgrid(np.arange(1, width - 1), np.arange(1, height - 1)))
+    index = np.rint(camera.unproject(x, y, np.full(x.shape, 40.0), (width, height)) / h).astype(int)[:, ::-1]
+    along_axis = np.delete(index, axis, axis=1)
+    off = np.abs(image.values[y, x] - expected[tuple(along_axis.T)])
+    assert off.max() < 1e-11 and np.all(off <= image.error_bound[y, x])
+
+
+@pytest.mark.parametrize("what", WHAT)
+@pytest.mark.parametrize("name", ["noisy", "anisotropic", "holes"])
+def test_any_ray_is_within_its_bound(what, name):
+    volume = VOLUMES[name]
+    size = (24, 20)
+    for n, camera in enumerate(
+        (
+            wvr.Camera.fit(volume, (1, 0.6, 0.4)),
+            wvr.Camera.fit(volume, (-0.3, 1, 0.1), parallel=True),
+            wvr.Camera(volume.corners.mean(axis=0), volume.corners[0], view_angle=80),
+        )
+    ):
+        image = image_of(volume, what, camera, size)
+        held(image, what, scene_of(volume, SPAN), camera, pixels(size, 12, n))
+        low, high = volume.range
+        known = np.isfinite(image.error_bound)
+        length = volume.longest * volume.smallest_spacing if what == "sum" else 1.0
+        assert known.mean() > 0.99 and image.error_bound[known].max() < 1e-6 * max(abs(low), high) * length
+
+
+CLIPS = {
+    "plane and ball": lambda v: [
+        wvr.ClipPlane(v.corners.mean(axis=0), (1, 0.3, 0.2)),
+        wvr.ClipSphere(v.corners.mean(axis=0), 14.0, invert=True),
+    ],
+    "volume": lambda v: wvr.ClipVolume(centered(np.random.default_rng(5).random((6, 6, 6)), (7, 7, 7)), 0.5),
+}
+
+
+@pytest.mark.parametrize("what", ["max", "mean"])
+@pytest.mark.parametrize("name", CLIPS)
+def test_clips_are_exact(what, name):
+    volume = VOLUMES["noisy"]
+    clip = CLIPS[name](volume)
+    camera = wvr.Camera.fit(volume, (1, 0.6, 0.4))
+    image = image_of(volume, what, camera, clip=clip)
+    held(image, what, scene_of(volume, SPAN, clip), camera, pixels((24, 20), 12))
+    assert np.median(image.error_bound[np.isfinite(image.values)]) < 1e-6
+
+
+def test_labels_leave_out_what_has_no_transfer_function():
+    volume = VOLUMES["noisy"]
+    labels = np.zeros(volume.shape, np.uint8)
+    labels[:, :, 8:20] = 1
+    labels[:, 5:16, 20:] = 2
+    red = wvr.TransferFunction([(0, "red", 0.5), (255, "red", 0.5)])
+    segmentation = wvr.Segmentation(labels, {1: red, 2: SPAN})
+    camera = wvr.Camera.fit(volume, (0.2, 0.1, 1))
+    for what in ("max", "mean"):
+        image = image_of(volume, what, camera, segmentation=segmentation)
+        held(image, what, scene_of(volume, None, None, segmentation), camera, pixels((24, 20), 12))
+    image = image_of(volume, "max", camera, segmentation=segmentation)
+    colored = image.rgba[..., 3] == 1
+    assert np.any(image.rgba[colored, 1] == 0) and np.any(image.rgba[colored, 1] > 0)
+    with pytest.raises(ValueError, match="transfer_function must be given besides a segmentation"):
+        wvr.render(volume, None, camera, (4, 4), integrator=wvr.Projection("sum"), segmentation=segmentation)
+
+
+@pytest.mark.parametrize("what", WHAT)
+def test_nothing_that_counts_is_skipped(what):
+    volume = wvr.datasets.load("blobs", 40)
+    camera = wvr.Camera.fit(volume)
+    some, every = (image_of(volume, what, camera, (40, 40), skip_empty=skip) for skip in (True, False))
+    assert np.allclose(some.values, every.values, rtol=1e-13, atol=0, equal_nan=True)
+
+
+def test_smallest_is_the_largest_of_the_negative():
+    samples = np.random.default_rng(3).normal(size=(9, 10, 11))
+    camera = wvr.Camera.fit(wvr.Volume(samples))
+    low = image_of(wvr.Volume(samples), "min", camera).values
+    high = image_of(wvr.Volume(-samples), "max", camera).values
+    assert np.array_equal(low, -high, equal_nan=True)
+    mean = image_of(wvr.Volume(samples), "mean", camera).values
+    seen = np.isfinite(mean)
+    assert np.all(low[seen] <= mean[seen]) and np.all(
+        mean[seen] <= -image_of(wvr.Volume(-samples), "min", camera).values[seen]
+    )
+
+
+def test_integral_of_a_constant_is_its_length():
+    """Of a box's chord, which is known."""
+    volume = wvr.Volume(np.full((5, 6, 7), 3.0), (2, 2, 2))
+    straight = wvr.Camera((6, 50, 4), (6, 5, 4), parallel_scale=3)
+    image = image_of(volume, "sum", straight, (5, 5))
+    assert np.allclose(image.values, 3.0 * 10, atol=1e-12)
+    slanted = wvr.Camera((6, 5 + 30, 4 + 30), (6, 5, 4), up=(1, 0, 0), parallel_scale=0.5)
+    image = image_of(volume, "sum", slanted, (1, 1))
+    assert abs(image.values[0, 0] - 3.0 * 8 * np.sqrt(2)) < 1e-11
+
+
+@pytest.mark.parametrize("shape", [(1, 9, 8), (1, 1, 9), (2, 2, 2)])
+def test_thin_volumes(shape):
+    samples = np.random.default_rng(4).integers(0, 255, shape).astype(np.uint8)
+    volume = centered(samples)
+    camera = wvr.Camera.fit(volume, (0.3, 0.2, 1))
+    image = image_of(volume, "max", camera)
+    held(image, "max", scene_of(volume, SPAN), camera, pixels((24, 20), 10))
+    assert np.nanmax(image.values) <= samples.max()
+
+
+def test_far_cameras_and_far_worlds_see_the_same():
+    samples = np.random.default_rng(6).integers(0, 255, (12, 13, 14)).astype(np.uint8)
+    near = wvr.Volume(samples)
+    center = near.corners.mean(axis=0)
+    way = np.array([0.5, 0.7, 0.3])
+    base = image_of(near, "max", wvr.Camera(center + 40 * way, center, parallel_scale=8))
+    away = image_of(near, "max", wvr.Camera(center + 4e8 * way, center, parallel_scale=8))
+    at = np.array([1e6, -3e5, 2e6])
+    moved = image_of(
+        wvr.Volume(samples, origin=tuple(at)), "max", wvr.Camera(center + at + 40 * way, center + at, parallel_scale=8)
+    )
+    for image in (away, moved):
+        sure = np.isfinite(image.error_bound + base.error_bound + base.values)
+        assert sure.sum() > 100
+        off = np.abs(image.values - base.values)[sure]
+        assert np.all(off <= (image.error_bound + base.error_bound)[sure]) and off.max() < 1e-4
+
+
+def test_absent_samples_are_not_there():
+    samples = np.full((6, 6, 6), 5.0, np.float32)
+    samples[:, :, 3] = np.nan
+    samples[0, 0, 0] = np.inf
+    volume = wvr.Volume(samples, nan="transparent")
+    camera = wvr.Camera((2.5, 2.5, 30), (2.5, 2.5, 2.5), up=(0, 1, 0), parallel_scale=2)
+    for what in WHAT:
+        values = image_of(volume, what, camera, (11, 11)).values
+        # Cells that have one of the absent samples for a corner, from 2 to 4.
+        assert np.all(np.isnan(values[:, 4:8])) and np.all(np.isfinite(values[:, :3]))
+
+
+def test_magnitudes():
+    """Of any size, far beyond those of the colours, and with one sample far from all others."""
+    base = np.random.default_rng(7).normal(size=(6, 7, 8))
+    camera = wvr.Camera.fit(wvr.Volume(base))
+    for scale in (1e-300, 1e-30, 1e30, 1e90):
+        ours = image_of(wvr.Volume(base * scale), "max", camera)
+        assert np.allclose(
+            ours.values / scale, image_of(wvr.Volume(base), "max", camera).values, rtol=1e-12, equal_nan=True
+        )
+        assert np.nanmax(ours.error_bound[np.isfinite(ours.error_bound)]) < 1e-11 * scale + 1e-300
+    outlier = base.copy()
+    outlier[3, 3, 3] = 1e20
+    image = image_of(wvr.Volume(outlier), "min", camera)
+    held(image, "min", scene_of(wvr.Volume(outlier), SPAN), camera, pixels((24, 20), 8))
+
+
+def test_one_line():
+    """Grey over the range of what there is; no light, opacities do not matter, and black behind."""
+    volume = wvr.datasets.load("blobs", 24)
+    image = wvr.render(volume, size=(16, 16), integrator=wvr.Projection("max"))
+    assert image.background == "black" and np.nanmax(image.rgba[..., 0]) > 0.9
+    total = wvr.render(volume, size=(16, 16), integrator=wvr.Projection("sum"))
+    assert 0.2 < np.nanmax(total.rgba[..., 0]) < 2
+    mapped = wvr.render(volume, "viridis", "iso", (16, 16), clim=(0, 100), integrator=wvr.Projection("mean"))
+    assert set(np.unique(mapped.rgba[..., 3])) == {0.0, 1.0}
+
+
+def test_what_it_cannot_do():
+    volume = wvr.datasets.load("blobs", 16)
+    with pytest.raises(
+        ValueError, match="what must be one of 'max', 'min', 'mean', 'sum', got 'mex'; did you mean 'max'"
+    ):
+        wvr.Projection("mex")
+    with pytest.raises(ValueError, match="light does not change"):
+        wvr.render(volume, GREY, integrator=wvr.Projection(), lighting=True)
+    with pytest.raises(ValueError, match="only samples the volume"):
+        wvr.render(MarschnerLobb(), GREY, wvr.Camera.fit(MarschnerLobb()), integrator=wvr.Projection())
+    image = image_of(volume, "mean", wvr.Camera.fit(volume), (8, 8))
+    assert np.all(np.isnan(image.depth()))
+    picked = image.pick(4, 4)
+    assert picked.value == image.values[4, 4] and np.all(np.isnan(picked.position))

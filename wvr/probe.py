@@ -1,0 +1,87 @@
+"""What is found along the rays of a frame: values, and where they are taken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from .keep import Keeper
+from .kernels.probe import make_probing
+from .kernels.ray import item
+from .launch import launch, launch_pixels
+
+if TYPE_CHECKING:
+    from .frame import Frame
+    from .scene import Scene
+
+Floats = NDArray[np.float64]
+# Values, and depths from the camera's plane, of all pixels or one, where a ray has an opacity.
+Prober = Callable[[float, tuple[int, int] | None], tuple[Floats, Floats]]
+
+
+class Probed(NamedTuple):
+    """Of each pixel, shape (height, width)."""
+
+    rgba: wp.array
+    samples: wp.array
+    bounds: wp.array
+    values: wp.array
+    depths: wp.array
+    prepared: float  # when rays began [seconds of ``perf_counter``]
+    skipped: float  # share of blocks
+
+
+def probe(frame: Frame, pixel: tuple[int, int] | None = None) -> Probed:
+    """What an integrator that probes finds in all pixels, or in one."""
+    halves = frame.halves(wp.float64, frame.scene.integrator.half(frame.scene))
+    struct, seen = frame.struct(halves)
+    shape, device = (frame.height, frame.width), frame.device
+    rgba = wp.empty(shape, dtype=wp.vec4d, device=device)
+    samples = wp.empty(shape, dtype=int, device=device)
+    numbers = [wp.empty(shape, dtype=wp.float64, device=device) for _ in range(3)]
+    wp.synchronize_device(device)
+    prepared = perf_counter()
+    kernel, inputs = make_probing(halves), [struct, rgba, samples, *numbers]
+    if pixel is None:
+        launch_pixels(kernel, inputs, device, struct.view)
+    else:
+        launch(kernel, 1, inputs, device, first=item(frame.width, *pixel))
+    wp.synchronize_device(device)
+    bounds, values, depths = numbers
+    return Probed(rgba, samples, bounds, values, depths, prepared, seen.skipped)
+
+
+def make_prober(frame: Frame, again: Callable[[Scene, Keeper], Frame]) -> Prober:
+    """Finds where rays have an opacity, in frames of another scene that are made ``again``."""
+    scene = frame.scene
+    # Parts of its own: those of the renderer may be another scene's by then.
+    keep = Keeper(frame.device)
+    volumes = frame.given.volumes()
+    versions = [volume.version for volume in volumes]
+    clips = tuple(clip.exact() for clip in scene.clips)
+
+    def prober(opacity: float, pixel: tuple[int, int] | None) -> tuple[Floats, Floats]:
+        for volume in volumes:
+            volume.look()
+        if [volume.version for volume in volumes] != versions:
+            raise ValueError("depth needs the samples that the image was made of, which somebody wrote into since")
+        integrator = scene.integrator.reaching(opacity)
+        sought = replace(frame.given, integrator=integrator, lighting=None, shadows=None, clips=clips)
+        sought.check(frame.camera)
+        found = probe(again(sought, keep), pixel)
+        keep.end_of_frame()
+        at: Any = slice(None) if pixel is None else (pixel[1], pixel[0])
+        return found.values.numpy()[at], found.depths.numpy()[at]
+
+    return prober
+
+
+def tightest(bounds: Floats) -> NDArray[np.float32]:
+    """As float32, rounded up."""
+    return (bounds * (1 + 2.0**-23)).astype(np.float32)
