@@ -87,7 +87,8 @@ def cell(page: Path, at: str, key: str, label: str) -> dict[str, str]:
     with (page.parent / name.strip()).open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     wanted = dict(one.strip().split("=") for one in given if one.strip())
-    found = [row for row in rows if named(row[key], label) and wanted.items() <= row.items()]
+    rows = [row for row in rows if named(row[key], label) and wanted.items() <= row.items()]
+    found = [row for row in rows if row[key] == label] or rows
     assert len(found) == 1, f"{len(found)} rows of {at} have {key} = {label}"
     return found[0]
 

@@ -20,7 +20,7 @@ from ..kernels.light.travel import Shade as ShadeStruct
 from ..kernels.precision import REALS
 from ..launch import launch, launch_in_turn, launch_pixels
 from ..transfer.function import Transfer
-from ..transfer.lookup import Lookup
+from ..transfer.lookup import Stretchable
 from ..transfer_function import TransferFunction
 from .lights import Headlight, Light
 from .shadows import ConvolutionShadows
@@ -76,7 +76,7 @@ class Sweeping:
         if scene.volume.whole and domain[0] >= 0 and domain[1] <= 255:
             n, domain = (511 if self.shadows.alone else 256), (0.0, 255.0)  # of all volumes of bytes, frame by frame
         length = self.shadows.shortest
-        return Lookup(tf, scene.unit, length, n, domain, "stretchable", scene.shift, self.precision, False)
+        return Stretchable(tf, scene.unit, length, n, domain, scene.shift, self.precision, most=1)
 
     def termination(self, scene: Scene) -> float:
         ending = scene.integrator.termination(scene)
