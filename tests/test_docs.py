@@ -123,24 +123,6 @@ def test_numbers_are_those_of_their_cells(page, source, table):
                 assert abs(float(number) - value) <= half_unit(number), f"{number} for {name} = {value} in {row}"
 
 
-STUDIES = ROOT / "studies" / "data"
-VERDICTS = ("confirmed", "confirmed in kind", "not confirmed", "cannot be tested here")
-
-
-@pytest.mark.parametrize("study", sorted(path.stem for path in STUDIES.glob("*.json")))
-def test_claims_have_verdicts(study):
-    """After ``<!-- verdicts STUDY -->`` a table, on any page: where the paper claims it, what is found here, verdict."""
-    claims = json.loads((STUDIES / f"{study}.json").read_text(encoding="utf-8")).get("claims", {})
-    pattern = rf"<!-- verdicts {study} -->\n\n((?:\|.*\n)+)"
-    tables = [table for page in PAGES for table in re.findall(pattern, page.read_text(encoding="utf-8"))]
-    if not tables:
-        pytest.skip(f"no page has verdicts on {study}")
-    rows = [row.strip("|\n").split("|") for row in "".join(tables).splitlines() if not set(row) <= set("|- ")]
-    verdicts = {row[0].strip(): row[-1].strip(" *") for row in rows}
-    for claim in claims.values():
-        assert verdicts[claim["where"]] in VERDICTS, claim["where"]
-
-
 # Parts recorded before results of uncommitted code were refused; each that is run again leaves.
 UNCOMMITTED = {
     f"{study}/{part}"
