@@ -5,12 +5,13 @@ converges in the slice distance, how good the model is, and a new volume each fr
 Head, abdomen and bonsai (for the carp) are those of ``../shared/data`` where they lie there, else generated volumes
 stand in; the cardiac ultrasound is generated. Transfer functions and views are not published, so times compare in kind.
 
-What is judged by eye in the paper is a number here, ``aliasing``: stripes of slices and rings of steps are finer than
-shading, so an image's difference to a fine one of the same method loses its mean over a window of ``WINDOW`` pixels,
-and the root mean square of what is left, over the pixels that show anything, sRGB-encoded on white, is compared with
-``VISIBLE``. That is where the verdicts of the paper's Figure 1 come out for our carp, the bonsai: slices 0.33 voxel
-apart, and 1.3 with 4 subsamples, show no aliasing, and 1 without, and 1.5 with 5, do. A distance is free of it if all
-shorter ones are too.
+What is judged by eye in the paper is a number here, ``aliasing``, and a local one, since stripes are seen where they
+are: an image's difference to a fine one of the same method, sRGB-encoded on white, loses its mean over a window of
+``WINDOW`` pixels, since stripes of slices and rings of steps are finer than shading; of its root mean square in blocks
+of ``BLOCK`` pixels, those at least half of which show anything, the worst counts. It is compared with ``VISIBLE``,
+which was set on two other scans than those judged, by looking at ICS with slices 0.35 to 1.4 voxels apart: the engine
+shows no stripes at 0.014 and does at 0.018, the smooth teapot none at 0.009 and faint ones at 0.012. The largest
+distance without aliasing is where a line through the logarithms of distances and of aliasing crosses it.
 The paper's light is that at a slab's front, without splitting; its kernel is taken in proportion to the slice distance,
 so that the distances of one row show one scene.
 """
@@ -21,6 +22,7 @@ from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
 from statistics import median
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -41,6 +43,7 @@ PAPER = STUDY.paper
 SIZE = 512  # of the paper
 VIEWS = 6  # that times are means of; the paper has 100
 WINDOW = 9
+BLOCK = 32
 VISIBLE = 0.013
 DISTANCES = (0.25, 0.33, 0.5, 0.67, 1.0, 1.3, 1.5, 2.0, 3.0, 4.0)
 SUBSAMPLES = (1, 2, 3, 4, 5)
@@ -165,12 +168,22 @@ class Method:
 
 
 def aliasing(image: wvr.Image, fine: wvr.Image) -> float:
-    """Root mean square of what is fine in the difference, over the pixels that show anything."""
+    """Root mean square of what is fine in the difference, in the worst block."""
     difference = picture(image) - picture(fine)
     window = np.lib.stride_tricks.sliding_window_view(
         np.pad(difference, [(WINDOW // 2,) * 2] * 2 + [(0, 0)], "edge"), (WINDOW, WINDOW), (0, 1)
     )
-    return rms((difference - window.mean((-2, -1)))[fine.rgba[..., 3] > 0])
+    shown = fine.rgba[..., 3] > 0
+    square = np.where(shown, np.square(difference - window.mean((-2, -1))).mean(-1), 0)
+    sums, counts = blocks(square), blocks(shown)
+    enough = counts >= min(0.5 * BLOCK**2, counts.max())
+    return float(np.sqrt((sums[enough] / counts[enough]).max()))
+
+
+def blocks(values: NDArray) -> NDArray[np.float64]:
+    """Sums over blocks of ``BLOCK`` by ``BLOCK`` pixels."""
+    height, width = (n - n % BLOCK for n in values.shape)
+    return values[:height, :width].reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK).sum((1, 3), dtype=float)
 
 
 def reference(scene: Scene, name: str) -> wvr.Image:
@@ -190,11 +203,6 @@ def threads() -> str:
     return f"{wvr.get_num_threads()} threads"
 
 
-def rms(values: NDArray[np.floating]) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64))))
-
-
 def errors_by_distance(
     scene: Scene, name: str, fine: wvr.Image, subsamples: int = 0, least: float = 0.0, every: bool = False
 ) -> list[tuple[Method, float]]:
@@ -210,9 +218,14 @@ def errors_by_distance(
 
 
 def coarsest(found: list[tuple[Method, float]]) -> Method | None:
-    """The last before the first that shows aliasing."""
-    clean = [method for method, _ in takewhile(lambda one: one[1] <= VISIBLE, found)]
-    return clean[-1] if clean else None
+    """At the largest distance without aliasing: between the last that is free of it and the first that shows it."""
+    clean = [(method, error) for method, error in takewhile(lambda one: one[1] <= VISIBLE, found)]
+    if not clean or len(clean) == len(found):
+        return clean[-1][0] if clean else None
+    (last, low), (first, high) = clean[-1], found[len(clean)]
+    share = np.log(VISIBLE / low) / np.log(high / low)
+    distance = last.distance * (first.distance / last.distance) ** share
+    return replace(last, distance=round(float(distance), 3))
 
 
 # --- Figures 1 and 3, Figure 4 and Table 1 ----------------------------------------------------------------------------
@@ -383,9 +396,21 @@ def figure5(folder: Path, quick: bool) -> str:
     write_rows(folder, "figure5", title, rows)
     gain = {row["scene"]: row["faster than ICS [%]"] for row in rows if row["method"] == "SCS"}
     paper = PAPER["speed-up over ICS, per cent"]
+    best = {name: max(row["faster than ICS [%]"] for row in rows if row["scene"] == name) for name in gain}
+    slices: dict[str, dict[str, float]] = {row["scene"]: {} for row in rows}
+    for row in rows:
+        slices[row["scene"]][row["method"]] = row["distance"]
+    saved = [100 * (distance["SCS"] / distance["ICS"] - 1) for distance in slices.values()]
     claims = [
         {"SCS over ICS [%]": "mean", "paper": paper["mean"], "here": float(np.mean(list(gain.values())))},
         {"SCS over ICS [%]": "worst", "paper": paper["worst"], "here": min(gain.values())},
+        {"SCS over ICS [%]": "slices saved, mean", "paper": paper["mean"], "here": float(np.mean(saved))},
+        {"SCS over ICS [%]": "slices saved, worst", "paper": paper["worst"], "here": min(saved)},
+        {
+            "SCS over ICS [%]": "best method, mean",
+            "paper": f"> {paper['average']}",
+            "here": float(np.mean([*best.values()])),
+        },
     ] + [
         {"SCS over ICS [%]": f"sharp: {name}", "paper": f"> {paper['sharp']}", "here": gain[name]}
         for name in ("bonsai", "ultrasound")
@@ -462,10 +487,10 @@ def figure7(folder: Path, quick: bool) -> str:
 VARIANTS: dict[str, dict[str, Any]] = {
     "paper: Lie, front light, fixed kernel": {"kernel": "fixed"},
     "Lie, front light": {},
-    "Lie, mean light": {"received": "mean"},
+    "Lie, traced light": {"received": "traced"},
     "Strang, front light": {"splitting": "strang"},
-    "Strang, mean light": {"splitting": "strang", "received": "mean"},
-    "the same, fixed kernel": {"splitting": "strang", "received": "mean", "kernel": "fixed"},
+    "Strang, traced light": {"splitting": "strang", "received": "traced"},
+    "the same, fixed kernel": {"splitting": "strang", "received": "traced", "kernel": "fixed"},
 }
 
 
@@ -476,7 +501,7 @@ def convergence(folder: Path, quick: bool) -> str:
     tf = wvr.TransferFunction([(0, "orange", 0.0), (255, "royalblue", 0.4)])
     scene = Scene("blobs", volume, tf, (1, 0.6, 0.4), (0, 0, 1), 24 if quick else 128)
     distances = np.array([2.0, 1.0, 0.5, 0.25])
-    fine = Method("ICS", 1 / 32).render(scene, **VARIANTS["Strang, mean light"]).rgba
+    fine = Method("ICS", 1 / 32).render(scene, **VARIANTS["Strang, traced light"]).rgba
     rows = []
     figure = Figure(figsize=(5, 3.6), layout="constrained")
     axes = figure.subplots()
@@ -493,7 +518,7 @@ def convergence(folder: Path, quick: bool) -> str:
     axes.legend(frameon=False, fontsize="x-small", title="order", title_fontsize="x-small")
     axes.grid(color="0.9")
     save_figure(figure, folder / "convergence")
-    write_rows(folder, "convergence", "Mean error against slices 1/32 voxel apart, Strang and mean light", rows)
+    write_rows(folder, "convergence", "Mean error against slices 1/32 voxel apart, Strang and traced light", rows)
     return "Orders: " + ", ".join(f"{row['variant']} {row['order']:.2f}" for row in rows) + "."
 
 
@@ -511,7 +536,7 @@ def _model(folder: Path, scene: Scene, directions: int) -> str:
     unlit = wvr.render(scene.volume, scene.tf, camera, size)
 
     def swept(angle: float) -> wvr.Image:
-        return Method("ICS", 0.5, 1).render(scene, spread=angle, **VARIANTS["Strang, mean light"])
+        return Method("ICS", 0.5, 1).render(scene, spread=angle, **VARIANTS["Strang, traced light"])
 
     rows, nearest, images = [], [], {}
     for angle in (0.0, 5.0, 20.0, 40.0):
@@ -554,29 +579,43 @@ def _model(folder: Path, scene: Scene, directions: int) -> str:
     )
 
 
-@STUDY.part("Cells of light")
-def cells(folder: Path, quick: bool) -> str:
-    """How wide they may be: image of rays, slices a voxel apart, against finer slices of cells of half a voxel."""
+@STUDY.part("Default shadows")
+def default(folder: Path, quick: bool) -> str:
+    """Stripes at the default and how far it is from what it converges to, beside cells of one and light at the front of
+    slices; that cells blur fine shading counts as aliasing here.
+    """
+    front = {"slice_distance": 1.0, "preintegrated": False, "received": "front", "splitting": "lie"}
+    settings: dict[str, dict[str, Any]] = {
+        "default": {},
+        "cells of 1": {"cell": 1.0},
+        "front of slices 1 apart": front,
+    }
     rows: list[dict[str, Any]] = []
     images = {}
-    for name in ("bonsai", "head, bone", "ultrasound"):
-        scene = make_scene(name, quick, SIZE // 2)
+    for name in SCENES:
+        scene = make_scene(name, quick)
         camera, size = scene.camera(), (scene.size, scene.size)
         sweep = wvr.ConvolutionShadows(light=key_light(camera))
-        renderer = wvr.Renderer(scene.volume, scene.tf, shadows=replace(sweep, slice_distance=0.25, cell=0.5))
+        renderer = wvr.Renderer(scene.volume, scene.tf, shadows=replace(sweep, slice_distance=0.5, cell=0.5))
         fine = renderer.render(camera, size)
-        for cell in (4.0, 2.0, 1.0):
-            renderer.shadows = replace(sweep, cell=cell)
-            image = min((renderer.render(camera, size) for _ in range(3)), key=lambda i: i.stats["seconds_shadows"])
+        for setting, given in settings.items():
+            renderer.shadows = replace(sweep, **given)
+            renderer.render(camera, (8, 8))
+            start = process_time()
+            image = renderer.render(camera, size)
+            spent = process_time() - start
             difference = np.abs(image.rgba - fine.rgba)[fine.rgba[..., 3] > 0]
-            rows.append({"scene": scene.name, "cell": cell, "mean difference": float(difference.mean())})
-            rows[-1] |= {"aliasing": aliasing(image, fine), "sweep s": image.stats["seconds_shadows"]}
-            if name == "head, bone":
-                images[f"cells of {cell:g}"] = image, f"aliasing {rows[-1]['aliasing']:.3f}"
-    write_rows(folder, "cells", f"Cells of light, slices 1 apart, {SIZE // 2} x {SIZE // 2}, {threads()}", rows)
-    panels(folder, "cells", images)
-    by_width = {cell: [row["aliasing"] for row in rows if row["cell"] == cell] for cell in (4.0, 2.0, 1.0)}
-    return "Aliasing: " + ", ".join(f"{spread(errors)} with cells of {c:g}" for c, errors in by_width.items()) + "."
+            rows.append({"shadows": setting, "scene": name, "aliasing": aliasing(image, fine)})
+            rows[-1] |= {"mean difference": float(difference.mean()), "processor s": spent}
+            if name == "bonsai" and setting != "cells of 1":
+                images[setting] = image, f"aliasing {rows[-1]['aliasing']:.3f}"
+        if name == "bonsai":
+            images["fine"] = fine, "slices 0.5 apart, cells of 0.5"
+    write_rows(folder, "default", f"Default shadows, {SIZE} x {SIZE}, {threads()}", rows)
+    panels(folder, "default", images)
+    panels(folder, "default-closeup", images, zoom=3)
+    by_setting = {s: [row["aliasing"] for row in rows if row["shadows"] == s] for s in settings}
+    return "Aliasing: " + ", ".join(f"{spread(errors)} ({s})" for s, errors in by_setting.items()) + "."
 
 
 @STUDY.part("What shadows cost")
@@ -590,9 +629,7 @@ def cost(folder: Path, quick: bool) -> str:
     settings: dict[str, dict[str, Any]] = {
         "default": {},
         "cells of 1": {"cell": 1.0},
-        "slices 2 apart, 1 subsample": {"slice_distance": 2.0, "subsamples": 1},
-        "slices 3 apart, 2 subsamples": {"slice_distance": 3.0, "subsamples": 2},
-        "slices 4 apart, 1 subsample, cells of 4": {"slice_distance": 4.0, "subsamples": 1, "cell": 4.0},
+        "slices 2 apart": {"slice_distance": 2.0},
         "headlight": {"light": wvr.Headlight()},
     }
     shadows = {name: replace(sweep, **given) for name, given in settings.items()}
@@ -602,22 +639,26 @@ def cost(folder: Path, quick: bool) -> str:
     times: dict[str, list[float]] = {name: [] for name in renderers}
     for _ in range(2 if quick else 8):
         for name, renderer in renderers.items():
-            times[name].append(renderer.render(camera, size).stats["seconds"])
+            # Of the processor, which others may share: of all threads together.
+            start = process_time()
+            renderer.render(camera, size)
+            times[name].append(process_time() - start)
     rows: list[dict[str, Any]] = []
     for name, renderer in renderers.items():
         rows.append({"shadows": name, "s": median(times[name][1:])})
         rows[-1]["times"] = rows[-1]["s"] / rows[0]["s"]
         if renderer.shadows is not None:
             fine = wvr.Renderer(
-                volume, tf, shadows=replace(renderer.shadows, slice_distance=0.5, subsamples=0, cell=1.0)
+                volume, tf, shadows=replace(renderer.shadows, slice_distance=0.5, subsamples=1, cell=0.5)
             )
             error = np.abs(renderer.render(camera, size).rgba - fine.render(camera, size).rgba)
             rows[-1]["mean difference"] = float(error[..., :3].mean())
     write_rows(folder, "cost", f"What shadows cost: Bonsai, {size[0]} x {size[1]}, {threads()}", rows)
-    default = next(row for row in rows if row["shadows"] == "default")
+    usual = next(row for row in rows if row["shadows"] == "default")
     return (
-        f"Default shadows take {default['times']:.1f} times the certified image without, in all {default['s']:.2g} s "
-        f"(Riemann(0.5) without skipping {rows[1]['s']:.2g} s); mean difference {default['mean difference']:.1e}."
+        f"Default shadows take {usual['times']:.1f} times the certified image without, in all {usual['s']:.2g} s of "
+        f"the processor (Riemann(0.5) without skipping {rows[1]['s']:.2g} s); mean difference "
+        f"{usual['mean difference']:.1e}."
     )
 
 

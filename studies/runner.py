@@ -31,7 +31,7 @@ from rich.progress import (
 )
 
 from . import report
-from .base.harness import PACKAGES, STYLE, machine, write_json
+from .base.harness import DIRTY, PACKAGES, ROOT, SOURCES, STYLE, machine, write_json
 from .base.study import Part, Study
 
 NAMES = (
@@ -49,9 +49,7 @@ NAMES = (
     "cuda",
     "gallery",
 )
-ROOT = Path(__file__).parents[1]
 RECORDED = ROOT / "docs/results"
-SOURCES = ("wvr", "kernels", "studies", "benchmarks")
 RECORD = "part.json"
 # What every record has.
 KEYS = {"quick", "command", "machine", "seconds", "files"}
@@ -60,7 +58,7 @@ log = logging.getLogger("wvr")
 
 
 def find(names: Iterable[str] = NAMES) -> list[Study]:
-    """Studies by name.
+    """Studies by name; one part of a study by ``NAME/PART``.
 
     Raises
     ------
@@ -68,9 +66,15 @@ def find(names: Iterable[str] = NAMES) -> list[Study]:
         For a name that is none.
     """
     names = list(names)
-    if unknown := [name for name in names if name not in NAMES]:
+    if unknown := [name for name in names if name.partition("/")[0] not in NAMES]:
         raise ValueError(f"studies are {', '.join(NAMES)}, got {', '.join(unknown)}")
-    return [import_module(f"{__package__}.{name}").STUDY for name in names]
+    found = []
+    for name in names:
+        study, _, part = name.partition("/")
+        found.append(import_module(f"{__package__}.{study}").STUDY)
+        if part:
+            found[-1] = found[-1].only(part)
+    return found
 
 
 def run(studies: Sequence[Study], out: Path, quick: bool = False, resume: bool = False) -> list[str]:
@@ -141,10 +145,20 @@ def records(out: Path) -> list[tuple[Study, dict[str, dict[str, Any]]]]:
 
 
 def record(out: Path) -> Path:
-    """Copy results that are whole, and a page of them, to where the documentation shows them."""
+    """Copy results that are whole, and of committed code, and a page of them, to where the documentation shows them.
+
+    Raises
+    ------
+    ValueError
+        Where results are of code that nobody else has; nothing is copied then.
+    """
     whole = [
         (study, {p: r for p, r in parts.items() if "identity" in r and not r["quick"]}) for study, parts in records(out)
     ]
+    if unknown := [f"{study.name}, {part}" for study, parts in whole for part, r in parts.items() if not committed(r)]:
+        raise ValueError(
+            f"results of code that is not committed are not recorded: commit, and run {'; '.join(unknown)}"
+        )
     for study, parts in whole:
         for part, found in parts.items():
             folder = RECORDED / study.name / part
@@ -154,6 +168,12 @@ def record(out: Path) -> Path:
                 if Path(name).suffix in (".csv", ".png") or name == RECORD:
                     shutil.copy(out / study.name / part / name, folder)
     return report.write_page(RECORDED, records(RECORDED))
+
+
+def committed(record: dict[str, Any]) -> bool:
+    """Whether a record is of the code of a commit, as far as it says."""
+    commit = record["machine"]["commit"]
+    return commit is not None and not commit.endswith(DIRTY)
 
 
 def _run(part: Part, folder: Path, quick: bool, record: dict[str, Any], identity: str) -> str | None:
@@ -234,4 +254,4 @@ def _identity(facts: dict[str, Any], quick: bool) -> str:
 
 
 def _command(study: Study, quick: bool) -> str:
-    return f"wvr study {study.name}{' --quick' if quick else ''}"
+    return f"wvr study {study.asked}{' --quick' if quick else ''}"

@@ -72,7 +72,7 @@ WINDOW = "rendering opens no window: image.show() does, image.save(path) writes 
 ELSEWHERE = {
     "cmap": 'give the colour map, its name or a list of colours as the transfer function: wvr.render(data, "viridis")',
     "shade": "say lighting=True",
-    "blending": "there is emission and absorption alone, and no projection of largest or mean values yet",
+    "blending": 'say integrator=wvr.Projection("max"), or "min", "mean" or "sum"; without it, emission and absorption',
     "n_colors": MAP.format("n_colors=8"),
     "log_scale": MAP.format("log_scale=True"),
     "opacity_unit_distance": MAP.format("unit_distance=2.0"),

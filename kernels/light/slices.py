@@ -11,10 +11,14 @@ from ..field.walk import MARGIN, make_walk
 from ..precision import vec3_of, vec4_of
 from ..ray import ending, entry, inside, inverted, pixel
 from ..segment import make_absorbed, over, widened
-from ..transfer.function import make_transfer
-from ..transfer.lookup import make_table
-from .points import make_point, make_shading
-from .travel import make_there
+from .points import make_shading
+from .tissue import make_depth, make_tissue
+from .travel import make_way
+
+# What is seen of a part, as optical depth, up to which it has the light of slices; from twice that on, traced light.
+FAINT = 0.05
+# Of light.
+LEAST = 1.0e-7
 
 
 @wp.struct
@@ -33,52 +37,19 @@ def make_advance(halves):
     real = halves.real
     vec3 = vec3_of(real)
     vec4 = vec4_of(real)
-    preintegrated = halves.march.preintegrated
-    finite = halves.field.finite
+    preintegrated, traced = halves.march.preintegrated, halves.march.traced
     lighted = halves.light is not None
     Scene = halves.Scene
-    labelled = halves.cuts.labels is not None
     value = halves.field.value(real)
-    _, lookup = make_table(real)
-    _, interval, _ = make_transfer(real)
-    eye_of, gradient, light_of, lit, _ = make_shading(halves)
-    seen = make_point(halves)
+    eye_of, *_ = make_shading(halves)
     absorbed, _ = make_absorbed(real)
     _, enter, _, skip = make_walk(real)
-    there = make_there(halves)
+    tissue = make_tissue(halves)
+    depth = make_depth(halves)
+    way_of = make_way(real)
 
     @wp.func
-    def tissue(scene: Scene, origin: vec3, direction: vec3, eye: vec3, a: real, h: real, front: real, back: real):
-        """Colour and extinction of the stretch [a, a + h] of a ray; the scalars at its ends are for the table."""
-        q = vec4()
-        middle = a + real(0.5) * h
-        p = origin + middle * direction
-        state = there(scene, p)
-        if state < 0:
-            return q
-        if wp.static(labelled):
-            scene.transfer = scene.cuts.labels.transfers[state]
-            if wp.static(preintegrated):
-                scene.table = scene.cuts.labels.tables[state]
-        if wp.static(preintegrated):
-            if wp.static(finite) or (wp.isfinite(front) and wp.isfinite(back)):
-                q = lookup(scene.table, front, back)
-                if q[3] > real(0.0):
-                    tau = q[3]
-                    q /= tau
-                    q[3] = tau
-                    if wp.static(lighted):
-                        I = light_of(scene, p, gradient(scene, p), eye)
-                        s = real(0.5) * (front + back)
-                        q = lit(scene, q, interval(scene.transfer, s), s, I)
-        else:
-            s = value(scene.field, p)
-            if wp.static(finite) or wp.isfinite(s):
-                q = seen(scene, s, origin, direction, middle, eye)
-        return q
-
-    @wp.func
-    def light_at(stack: wp.array3d(dtype=real), number: int, u: real, v: real):
+    def light_on(stack: wp.array3d(dtype=real), number: int, u: real, v: real):
         """Light of a slice, linear between cells; 1 beyond its border."""
         rows = stack.shape[1]
         columns = stack.shape[2]
@@ -93,6 +64,34 @@ def make_advance(halves):
         a += x * (stack[number, j, i + 1] - a)
         b += x * (stack[number, j + 1, i + 1] - b)
         return a + y * (b - a)
+
+    @wp.func
+    def between(stack: wp.array3d(dtype=real), slot: real, u: real, v: real):
+        """Light between slices, linear from one to the next."""
+        number = wp.clamp(int(slot), 0, stack.shape[0] - 2)
+        near = light_on(stack, number, u, v)
+        return near + (slot - real(number)) * (light_on(stack, number + 1, u, v) - near)
+
+    @wp.func
+    def received(scene: Scene, stack: wp.array3d(dtype=real), slot: real, u: real, v: real, p: vec3):
+        """Light that is on its way to p, and the optical depth of what it has before it."""
+        sweep = scene.march
+        _, d, slant = way_of(sweep, wp.float64(0.0), u, v)
+        # In depth; there is light of slices from the first on.
+        back = wp.min(real(sweep.reach / slant), slot * real(sweep.thickness))
+        D = depth(scene, p, -back * vec3(d), back * real(slant), sweep.steps)
+        return wp.max(between(stack, slot - back / real(sweep.thickness), u, v), real(wp.static(LEAST))), D
+
+    @wp.func
+    def both(D: real, L0: real, D0: real, L1: real, D1: real):
+        """Emission of 1 over an optical depth D for the eye, in light that it receives at its two ends: the integral of
+        exp(-u) L(u) for u from 0 to D, log L linear in u, as it is where tissue lies in layers of any profile.
+        """
+        y = wp.abs(D + D1 - D0 + wp.log(L0 / L1))
+        most = wp.max(L0 * wp.exp(-D0), L1 * wp.exp(-D1 - D))
+        if y < real(1.0e-4):
+            return D * most
+        return D * most * absorbed(y) / y
 
     @wp.kernel(enable_backward=False, module="unique")
     def advance(
@@ -124,7 +123,7 @@ def make_advance(halves):
         # Rays begin and end with what there is to see.
         point += enters * way
         reach = leaves - enters
-        # Slices behind one another for the eye: i-th slab of the ray is from a + i h on.
+        # Slabs behind one another for the eye, each in parts: k-th part of the ray is from t0 + k h on.
         z = wp.dot(sweep.ahead, point) + sweep.offset
         rate = wp.dot(sweep.ahead, way)
         onward = rate > wp.float64(0.0)
@@ -146,11 +145,16 @@ def make_advance(halves):
         v = real(foot[1] - sweep.corner[1])
         du = real(drift[0])
         dv = real(drift[1])
+        # The slice that its first slab begins at, and how many of them it passes, all in all and by length.
+        slice = sweep.lead + wp.where(onward, 0, count)
+        turn = wp.where(onward, 1, -1)
+        rise = real(wp.float64(turn) / step)
         origin = vec3(point)
         direction = vec3(way)
         length = real(reach)
         t0 = real(begin)
-        h0 = real(step)
+        apart = real(step)
+        part = real(step / wp.float64(sweep.parts))
         eye = vec3()
         if wp.static(lighted):
             eye = eye_of(scene, direction)
@@ -160,61 +164,85 @@ def make_advance(halves):
             ray = before
             shone = seen_by.lit[y, x]
         evaluated = int(0)
-        i = wp.max(int(wp.floor(-t0 / h0)), 0)
+        k = wp.max(int(wp.floor(-t0 / part)), 0)
+        last = count * sweep.parts
         idle = bool(True)
-        known = int(-2)  # slab whose end's light is ``far``
-        measured = int(-2)  # and whose end's scalar is ``front``
+        # What the last part or slab knew of its end, where that is the one before: its scalar, light, and traced light.
+        measured = int(-2)
+        even = int(-2)
+        traced_to = int(-2)
+        back = real(0.0)
+        near = real(0.0)
         far = real(0.0)
-        front = real(0.0)
-        while i < count and ray[3] <= scene.opaque:
-            start = t0 + real(i) * h0
+        L1 = real(0.0)
+        D1 = real(0.0)
+        while k < last and ray[3] <= scene.opaque:
+            start = t0 + real(k) * part
             a = wp.max(start, real(0.0))
-            b = wp.min(start + h0, length)
+            b = wp.min(start + part, length)
             if a >= length:
                 break
             if idle:
                 end = skip(scene.blocks.kinds, enter(scene.field.last, origin, direction, a), length).t
-                ahead = wp.where(end >= length, count, int((end - real(wp.static(MARGIN)) - t0) / h0))
-                if ahead > i:
-                    i = ahead
+                ahead = wp.where(end >= length, last, int((end - real(wp.static(MARGIN)) - t0) / part))
+                if ahead > k:
+                    k = ahead
                     continue
-            h = (b - a) / real(sweep.parts)
+            h = b - a
+            front = back
             if wp.static(preintegrated):
-                if measured != i - 1:
+                if measured != k - 1:
                     front = value(scene.field, origin + a * direction)
-            near = real(0.0)
-            bright = bool(False)
-            for n in range(sweep.parts):
-                begins = a + real(n) * h
-                back = front
-                if wp.static(preintegrated):
-                    back = value(scene.field, origin + (begins + h) * direction)
-                q = tissue(scene, origin, direction, eye, begins, h, front, back)
-                front = back
-                if q[3] > real(0.0):
-                    if not bright:
-                        slot = wp.where(onward, i, count - i)
-                        near = far
-                        if known != i - 1:
-                            near = light_at(stack, slot, u + start * du, v + start * dv)
-                        slot = wp.where(onward, i + 1, count - i - 1)
-                        e = start + h0
-                        far = light_at(stack, slot, u + e * du, v + e * dv)
-                        known = i
-                        bright = True
-                    w = (begins + real(0.5) * h - start) / h0
-                    if sweep.front and sweep.parts == 1:
-                        w = wp.where(onward, real(0.0), real(1.0))
-                    L = near + w * (far - near)
-                    A = absorbed(q[3] * h)
-                    c = widened(vec4(A * q[0], A * q[1], A * q[2], A))
-                    through = (wp.float64(1.0) - ray[3]) * wp.float64(L)
-                    shone += through * wp.vec3d(c[0], c[1], c[2])
-                    ray = over(ray, c)
-            idle = known != i
-            measured = i
-            evaluated += sweep.parts
-            i += 1
+                back = value(scene.field, origin + b * direction)
+                measured = k
+            q = tissue(scene, origin + a * direction, direction, eye, h, front, back)
+            idle = q[3] <= real(0.0)
+            if not idle:
+                D = q[3] * h
+                A = absorbed(D)
+                B = real(0.0)  # of the emission of the part what is seen of it in its light
+                if wp.static(traced):
+                    visible = D * real(wp.float64(1.0) - ray[3])
+                    dense = wp.clamp(visible / real(wp.static(FAINT)) - real(1.0), real(0.0), real(1.0))
+                    if dense < real(1.0):
+                        slab = k // sweep.parts
+                        t = t0 + real(slab) * apart
+                        if even != slab:
+                            near = far
+                            if even != slab - 1:
+                                near = light_on(stack, slice + turn * slab, u + t * du, v + t * dv)
+                            e = t + apart
+                            far = light_on(stack, slice + turn * (slab + 1), u + e * du, v + e * dv)
+                            even = slab
+                        w = (a + real(0.5) * h - t) / apart
+                        B = (real(1.0) - dense) * A * (near + w * (far - near))
+                    if dense > real(0.0):
+                        L0 = L1
+                        D0 = D1
+                        if traced_to != k - 1:
+                            L0, D0 = received(
+                                scene,
+                                stack,
+                                real(slice) + rise * (a - t0),
+                                u + a * du,
+                                v + a * dv,
+                                origin + a * direction,
+                            )
+                        L1, D1 = received(
+                            scene, stack, real(slice) + rise * (b - t0), u + b * du, v + b * dv, origin + b * direction
+                        )
+                        traced_to = k
+                        B += dense * both(D, L0, D0, L1, D1)
+                else:
+                    t = a + real(0.5) * h
+                    if sweep.parts == 1:
+                        t = wp.where(onward, start, start + part)  # at the slab's front
+                    B = A * between(stack, real(slice) + rise * (t - t0), u + t * du, v + t * dv)
+                through = (wp.float64(1.0) - ray[3]) * wp.float64(B)
+                shone += through * wp.vec3d(wp.float64(q[0]), wp.float64(q[1]), wp.float64(q[2]))
+                ray = over(ray, widened(vec4(A * q[0], A * q[1], A * q[2], A)))
+            evaluated += 1
+            k += 1
         if not onward:
             shone += (wp.float64(1.0) - ray[3]) * seen_by.lit[y, x]
             ray = over(ray, before)

@@ -16,18 +16,14 @@ from functools import cache
 
 import warp as wp
 
-from ..cuts.labels import make_label_at
-from ..cuts.volumes import make_shown
 from ..field.blocks import BITS, EMPTY
-from ..field.walk import make_walk
 from ..precision import vec3_of
 from ..segment import make_absorbed
-from ..transfer.function import make_transfer
-from ..transfer.lookup import make_table
+from .tissue import make_depth
 
 RUN = wp.constant(8)
 # Slabs and rows of a tile, which has the columns of a run.
-SLABS = wp.constant(8)
+SLABS = wp.constant(2)
 ROWS = wp.constant(4)
 # Cells of full light around all others, so that none has to ask whether it has neighbours; one run to either side.
 BORDER = wp.constant(2)
@@ -54,7 +50,9 @@ class Sweep:
     widening: wp.float64  # square of a cell's width where z = 1, if diverging
     before: wp.float64  # share of a slab's attenuation before diffusion
     after: wp.float64
-    front: bool  # slabs are seen by the light at their front alone
+    reach: wp.float64  # length that light which tissue receives is traced back
+    steps: int  # in so many parts
+    lead: int  # slices of the stack before those that the eye passes
 
 
 @dataclass(frozen=True)
@@ -62,6 +60,7 @@ class Half:
     """The device half of a sweep, in place of an integrator's: what ``scene.march`` is, and how tissue is seen."""
 
     preintegrated: bool  # by a table of the scalars at both ends, else by the scalar in the middle
+    traced: bool = True  # light that dense tissue receives is traced back to slices
 
     @property
     def tabled(self):
@@ -99,31 +98,24 @@ def make_state(real):
 
 
 @cache
-def make_there(halves):
-    """``there(scene, p)``: the transfer function of a point that clips and labels leave, negative for others."""
-    Scene = halves.Scene
-    vec3 = vec3_of(halves.real)
-    cuts = halves.cuts
-    clipped = cuts.naive
-    labelled = cuts.labels is not None
-    shown = make_shown(cuts.kinds, cuts.volumes)
-    label_at = make_label_at(cuts.labels or wp.uint8, halves.real)
+def make_way(real):
+    """``way_of(sweep, z, i, j)`` -> where a cell is at depth z, the way of its light per unit of depth, and that way's
+    length; i and j need not be whole.
+    """
 
     @wp.func
-    def there(scene: Scene, p: vec3):
-        state = int(0)
-        if wp.static(clipped or labelled):
-            place = wp.vec3d(p)
-            if wp.static(clipped):
-                if not shown(scene.cuts.clipping, place):
-                    return -1
-            if wp.static(labelled):
-                state = label_at(scene.cuts.labels, place)
-                if state >= scene.cuts.labels.transfers.shape[0]:
-                    state = -1
-        return state
+    def way_of(sweep: Sweep, z: wp.float64, i: real, j: real):
+        u = wp.float64(i) + sweep.corner[0]
+        v = wp.float64(j) + sweep.corner[1]
+        w = u * wp.vec3d(sweep.side[0, 0], sweep.side[1, 0], sweep.side[2, 0]) + v * wp.vec3d(
+            sweep.side[0, 1], sweep.side[1, 1], sweep.side[2, 1]
+        )
+        p = sweep.origin + z * sweep.along
+        if sweep.diverging:
+            return p + z * w, sweep.along + w, wp.sqrt(wp.float64(1.0) + sweep.widening * (u * u + v * v))
+        return p + w, sweep.along, sweep.slant
 
-    return there
+    return way_of
 
 
 @cache
@@ -133,16 +125,10 @@ def make_travel(halves):
     vec3 = vec3_of(real)
     Run = run_of(real)
     State = make_state(real)
-    preintegrated = halves.march.preintegrated
-    finite = halves.field.finite
-    labelled = halves.cuts.labels is not None
     Scene = halves.Scene
-    value = halves.field.value(real)
-    _, lookup = make_table(real)
-    _, interval, _ = make_transfer(real)
     absorbed, _ = make_absorbed(real)
-    _, enter, _, skip = make_walk(real)
-    there = make_there(halves)
+    depth = make_depth(halves)
+    way_of = make_way(real)
 
     @wp.func
     def on1(a: Run, b: Run):
@@ -160,19 +146,6 @@ def make_travel(halves):
     def back2(a: Run, b: Run):
         return Run(a[6], a[7], b[0], b[1], b[2], b[3], b[4], b[5])
 
-    @wp.func
-    def way_of(sweep: Sweep, z: wp.float64, i: int, j: int):
-        """Where a cell is at depth z, the way of its light per unit of depth, and that way's length."""
-        u = wp.float64(i) + sweep.corner[0]
-        v = wp.float64(j) + sweep.corner[1]
-        w = u * wp.vec3d(sweep.side[0, 0], sweep.side[1, 0], sweep.side[2, 0]) + v * wp.vec3d(
-            sweep.side[0, 1], sweep.side[1, 1], sweep.side[2, 1]
-        )
-        p = sweep.origin + z * sweep.along
-        if sweep.diverging:
-            return p + z * w, sweep.along + w, wp.sqrt(wp.float64(1.0) + sweep.widening * (u * u + v * v))
-        return p + w, sweep.along, sweep.slant
-
     @wp.kernel(enable_backward=False, module="unique")
     def occupy(base: int, scene: Scene, result: wp.array3d(dtype=wp.uint8)):
         """Whether the smallest box around a tile has a block in it that is not empty."""
@@ -187,7 +160,7 @@ def make_travel(halves):
         for c in range(8):
             slab = (tile + c // 4) * SLABS
             z = sweep.start + wp.float64(slab) * sweep.thickness
-            p, _way, _length = way_of(sweep, z, i + (c & 1) * (RUN - 1), j + (c // 2 & 1) * (ROWS - 1))
+            p, _way, _length = way_of(sweep, z, real(i + (c & 1) * (RUN - 1)), real(j + (c // 2 & 1) * (ROWS - 1)))
             low = wp.min(low, p)
             high = wp.max(high, p)
         occupied = bool(True)
@@ -209,53 +182,6 @@ def make_travel(halves):
                     for bi in range(first[0], last[0] + 1):
                         occupied = occupied or int(scene.blocks.kinds[bk, bj, bi]) > EMPTY
         result[tile, row - tile * result.shape[1], i // RUN] = wp.uint8(wp.where(occupied, 1, 0))
-
-    @wp.func
-    def depth(scene: Scene, p: vec3, d: vec3, length: real, parts: int):
-        """Optical depth of the straight way from p to p + d, as much of it as is inside the box."""
-        a = real(0.0)
-        b = real(1.0)
-        for c in range(3):
-            low = real(scene.view.seen_low[c]) - p[c]
-            high = real(scene.view.seen_high[c]) - p[c]
-            if wp.where(d[c] < real(0.0), d[c], real(0.0)) < low or wp.where(d[c] > real(0.0), d[c], real(0.0)) > high:
-                if d[c] == real(0.0):
-                    return real(0.0)
-                t0 = low / d[c]
-                t1 = high / d[c]
-                a = wp.max(a, wp.min(t0, t1))
-                b = wp.min(b, wp.max(t0, t1))
-        if b <= a:
-            return real(0.0)
-        if skip(scene.blocks.kinds, enter(scene.field.last, p, d, a), b).t >= b:
-            return real(0.0)
-        h = (b - a) / real(parts)
-        total = real(0.0)
-        front = real(0.0)
-        if wp.static(preintegrated):
-            front = value(scene.field, p + a * d)
-        for n in range(parts):
-            t = a + real(n) * h
-            if wp.static(preintegrated):
-                back = value(scene.field, p + (t + h) * d)
-                state = there(scene, p + (t + real(0.5) * h) * d)
-                if state >= 0 and (wp.static(finite) or (wp.isfinite(front) and wp.isfinite(back))):
-                    if wp.static(labelled):
-                        scene.table = scene.cuts.labels.tables[state]
-                    total += wp.max(lookup(scene.table, front, back)[3], real(0.0))
-                front = back
-            else:
-                s = value(scene.field, p + (t + real(0.5) * h) * d)
-                state = there(scene, p + (t + real(0.5) * h) * d)
-                if state >= 0 and (wp.static(finite) or wp.isfinite(s)):
-                    if wp.static(labelled):
-                        scene.transfer = scene.cuts.labels.transfers[state]
-                    k = interval(scene.transfer, s)
-                    total += wp.max(
-                        scene.transfer.value[k][3] + (s - scene.transfer.knot[k]) * scene.transfer.slope[k][3],
-                        real(0.0),
-                    )
-        return total * h * length
 
     @wp.kernel(enable_backward=False, module="unique")
     def travel(
@@ -312,7 +238,7 @@ def make_travel(halves):
                 for n in range(cells):
                     # What is left behind a transparency of 1e-6 can be seen by nobody.
                     if L[n] > real(1.0e-6):
-                        p, d, slant = way_of(sweep, z, i * RUN + n, j)
+                        p, d, slant = way_of(sweep, z, real(i * RUN + n), real(j))
                         d *= sweep.thickness
                         D = depth(
                             scene,

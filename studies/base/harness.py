@@ -31,6 +31,11 @@ import wvr
 from wvr.files import whole_file, write_text
 from wvr.launch import get_device
 
+ROOT = Path(__file__).parents[2]
+# All that results depend on.
+SOURCES = ("wvr", "kernels", "studies", "benchmarks")
+# How a commit ends whose sources are not as committed.
+DIRTY = "-dirty"
 PACKAGES = ("numpy", "scipy", "warp-lang", "vtk", "pyvista", "wvr")
 # Bytes of a picture that is made smaller.
 LARGE = 1 << 18
@@ -195,9 +200,15 @@ def _version(package: str) -> str | None:
 
 
 def _commit() -> str | None:
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
-    try:
+    """The commit, with ``-dirty`` where any source of the results is not as committed."""
+
+    def git(*command: str) -> str:
+        command = ("git", "-C", str(ROOT), *command)
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+    try:
+        commit = git("describe", "--always")
+        return commit + DIRTY * bool(git("status", "--porcelain", "--", *SOURCES))
     except (OSError, subprocess.CalledProcessError):
         return None
 

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from inspect import getdoc
 from pathlib import Path
@@ -64,6 +65,16 @@ class Study:
         self.paper: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
         self.title = self.paper["paper"] if title is None else title
         self.parts: dict[str, Part] = {}
+        #: How the runner is asked for it.
+        self.asked = name
+
+    def only(self, part: str) -> Study:
+        """With one of its parts alone."""
+        if part not in self.parts:
+            raise ValueError(f"parts of {self.name} are {', '.join(self.parts)}, got {part}")
+        alone = copy(self)
+        alone.parts, alone.asked = {part: self.parts[part]}, f"{self.name}/{part}"
+        return alone
 
     def part(self, title: str) -> Callable[[Work], Work]:
         """Decorator of what does the work of a part; the part has its name."""

@@ -1,13 +1,17 @@
 """The runner keeps what is done and says what failed, and the report needs nothing else."""
 
 import os
+import shutil
 import signal
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from studies import runner
+from studies.base import harness
+from studies.base.harness import machine
 from studies.base.rows import write_rows
 from studies.base.study import Study
 
@@ -121,8 +125,38 @@ def test_a_killed_run_is_resumed(tmp_path, study, monkeypatch):
     assert not (tmp_path / "made-up" / "other" / "half.csv").exists()
 
 
+@pytest.mark.parametrize("commit", ["1234567-dirty", None])
+def test_results_of_uncommitted_code_are_not_recorded(tmp_path, study, monkeypatch, commit):
+    monkeypatch.setattr(runner, "find", lambda: [study])
+    monkeypatch.setattr(runner, "RECORDED", tmp_path / "docs")
+    monkeypatch.setattr(runner, "machine", lambda: machine() | {"commit": commit})
+    runner.run([study], tmp_path / "out")
+    with pytest.raises(ValueError, match=r"code that is not committed are not recorded: .* made-up, table$"):
+        runner.record(tmp_path / "out")
+    assert not (tmp_path / "docs").exists()
+
+
+def test_a_commit_is_that_of_the_sources(tmp_path, monkeypatch):
+    """A file that is not committed makes it dirty where results depend on it, and only there."""
+    monkeypatch.setattr(harness, "ROOT", tmp_path)
+    if shutil.which("git") is None:
+        pytest.skip("needs git")
+    assert harness.machine()["commit"] is None
+    (tmp_path / "wvr").mkdir()
+    (tmp_path / "wvr" / "code.py").write_text("1")
+    who = ("-c", "user.name=a", "-c", "user.email=a@b")
+    for command in (["init", "-q"], ["add", "-A"], ["commit", "-qm", "first"]):
+        subprocess.run(["git", *who, *command], cwd=tmp_path, check=True)
+    clean = harness.machine()["commit"]
+    (tmp_path / "docs.md").write_text("text")
+    assert harness.machine()["commit"] == clean and not clean.endswith("-dirty")
+    (tmp_path / "wvr" / "new.py").write_text("2")
+    assert harness.machine()["commit"] == f"{clean}-dirty"
+
+
 def test_whole_results_are_recorded(tmp_path, study, monkeypatch):
     monkeypatch.setattr(runner, "find", lambda: [study])
+    monkeypatch.setattr(runner, "machine", lambda: machine() | {"commit": "1234567"})
     monkeypatch.setattr(runner, "RECORDED", tmp_path / "docs")
     (tmp_path / "docs").mkdir()
     runner.run([study], tmp_path / "out")  # of which the second part fails
@@ -143,3 +177,11 @@ def test_the_report_needs_nothing_else(results):
 def test_unknown_studies_are_refused():
     with pytest.raises(ValueError, match=r"studies are frontier, .*, got frontir"):
         runner.find(["frontir"])
+    with pytest.raises(ValueError, match=r"parts of lum2004 are table1, .*, got table9"):
+        runner.find(["lum2004/table9"])
+
+
+def test_one_part_of_a_study():
+    (study,) = runner.find(["lum2004/table1"])
+    assert list(study.parts) == ["table1"] and runner._command(study, False) == "wvr study lum2004/table1"
+    assert len(runner.find(["lum2004"])[0].parts) > 1

@@ -95,6 +95,7 @@ def test_clipping(results):
         ("lum2004", "tables"),
         ("lighting", "lighting"),
         ("campagnolo2015", "adaptive"),
+        ("angelelli2017", "shadows"),
     ],
 )
 def test_each_claim_has_a_verdict_on_the_page_of_its_paper(study, page):

@@ -22,7 +22,7 @@ def study(
     Parameters
     ----------
     names
-        The studies to run.
+        The studies to run; NAME/PART is one part of a study, by the name of its folder.
     every
         Run all.
     quick

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
@@ -33,11 +34,13 @@ class ConvolutionShadows:
     ----------
     slice_distance
         Between slices, > 0; the last digit gives way so that slices divide what there is to see evenly. The image
-        converges as it goes to 0: with order 2, by Strang's splitting, 5-point steps of diffusion and the mean light.
+        converges as it goes to 0: with order 2, by Strang's splitting, 5-point steps of diffusion and traced light.
     subsamples
-        Samples between two slices besides the one, >= 0; light is interpolated to them (SCS; 0 is ICS).
+        Samples between two slices besides the one, >= 0; light is interpolated to them (SCS; 0 is ICS). By default as
+        many as leave them at most a voxel apart: slices are for light, samples are for what is lit.
     preintegrated
         Slabs, or their parts, are looked up in a pre-integration table by the scalars at their ends (PI-ICS, PI-SCS).
+        Else they are what they are in their middle, which shows as stripes on dense surfaces.
     spread
         Half-angle of the light's cone [degrees], in [0, 90). The blur after a unit of length is that of the cone: a
         disc of radius ``tan(spread)``, of variance ``tan(spread)^2 / 4`` along each axis, so that
@@ -57,16 +60,18 @@ class ConvolutionShadows:
         ``"occlusion"`` (view-aligned, for a headlight alone: directional occlusion shading), or ``"auto"``: for each
         light, view-aligned where it comes within 60 degrees of the view, else half-angle.
     received
-        Light that a slab is seen by: the ``"mean"`` of that at its two faces, or that at its ``"front"`` as in the
-        papers, of order 1. Sub-samples always have what is interpolated between them.
+        Light that tissue is seen by. ``"traced"``: that of slices, linear between them; where tissue is so dense that
+        light ends within a cell, what arrives a slab and a cell before it, less what is absorbed from there on, and
+        the emission of a part in closed form, so that nothing depends on where slices and cells lie. ``"front"``: that
+        at a slab's front as in the papers, of order 1; sub-samples have what is interpolated between slices.
     image
         ``"rays"``: the image of the renderer's integrator, times the share of each pixel's emission that light reaches
         by the slices; what aliases in the slices is in both parts of the share. Opacity is the integrator's.
         ``"slices"``: composed of the slices themselves, as in the papers; there is no integrator.
     cell
         Width of the cells of light, > 0; across the light in the middle of the volume, for a headlight in perspective.
-        By default ``5.5 tan(spread)``, at least 1 and at most 2 (from 20 degrees on). Wide cells are fast and show as
-        stripes on dense surfaces that light grazes.
+        By default ``5.5 tan(spread)``, at least 1 and at most 2 (from 20 degrees on). Wide cells are fast and blur
+        shadows.
 
     Raises
     ------
@@ -76,15 +81,15 @@ class ConvolutionShadows:
         For a light that is none, or ``preintegrated`` that is no bool.
     """
 
-    slice_distance: float = 1.0
-    subsamples: int = 0
-    preintegrated: bool = False
+    slice_distance: float = 4.0
+    subsamples: int | None = None
+    preintegrated: bool = True
     spread: float = 20.0
     light: Light | Sequence[Light] = field(default_factory=Headlight)
     splitting: Literal["strang", "lie"] = "strang"
     kernel: Literal["diffusive", "fixed"] = "diffusive"
     mode: Literal["auto", "view-aligned", "half-angle", "occlusion"] = "auto"
-    received: Literal["mean", "front"] = "mean"
+    received: Literal["traced", "front"] = "traced"
     image: Literal["rays", "slices"] = "rays"
     cell: float | None = None
 
@@ -93,7 +98,7 @@ class ConvolutionShadows:
             self,
             slice_distance=positive(self.slice_distance, "slice_distance"),
             cell=None if self.cell is None else positive(self.cell, "cell"),
-            subsamples=integer(self.subsamples, "subsamples", 0),
+            subsamples=None if self.subsamples is None else integer(self.subsamples, "subsamples", 0),
             preintegrated=flag(self.preintegrated, "preintegrated"),
             spread=real(self.spread, "spread", "an angle in [0, 90) degrees"),
         )
@@ -102,7 +107,7 @@ class ConvolutionShadows:
         choice(self.splitting, "splitting", ("strang", "lie"))
         choice(self.kernel, "kernel", ("diffusive", "fixed"))
         choice(self.mode, "mode", ("auto", "view-aligned", "half-angle", "occlusion"))
-        choice(self.received, "received", ("mean", "front"))
+        choice(self.received, "received", ("traced", "front"))
         choice(self.image, "image", ("rays", "slices"))
         lights = light_list(self.light, empty=False)
         object.__setattr__(self, "light", lights)
@@ -118,9 +123,14 @@ class ConvolutionShadows:
         return self.light
 
     @property
+    def parts(self) -> int:
+        """That a slab between two slices is sampled in."""
+        return math.ceil(self.slice_distance - 1e-9) or 1 if self.subsamples is None else int(self.subsamples) + 1
+
+    @property
     def shortest(self) -> float:
         """Distance between samples [smallest voxel spacing]."""
-        return self.slice_distance / (self.subsamples + 1)
+        return self.slice_distance / self.parts
 
     @property
     def cell_width(self) -> float:

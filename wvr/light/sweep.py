@@ -20,7 +20,7 @@ from ..kernels.light.travel import Shade as ShadeStruct
 from ..kernels.precision import REALS
 from ..launch import launch, launch_in_turn, launch_pixels
 from ..transfer.function import Transfer
-from ..transfer.lookup import Lookup
+from ..transfer.lookup import Stretchable
 from ..transfer_function import TransferFunction
 from .lights import Headlight, Light
 from .shadows import ConvolutionShadows
@@ -40,6 +40,9 @@ MOST_STEPS = 64
 ALIGNED = 0.5
 # Standard deviations of blur that light's frame has around the volume.
 MARGIN = 3.0
+# What only a share of an image is made of: transparency that rays end at, and entries of the table.
+ENDING = 0.01
+ENTRIES = 256
 
 
 class Shaded(NamedTuple):
@@ -69,12 +72,15 @@ class Sweeping:
     def table(self, scene: Scene, tf: TransferFunction) -> Part | None:
         if not self.shadows.preintegrated:
             return None
-        n, domain = scene.table_shape(None)
+        n, domain = scene.table_shape(None if self.shadows.alone else ENTRIES)
+        if scene.volume.whole and domain[0] >= 0 and domain[1] <= 255:
+            n, domain = (511 if self.shadows.alone else 256), (0.0, 255.0)  # of all volumes of bytes, frame by frame
         length = self.shadows.shortest
-        return Lookup(tf, scene.unit, length, n, domain, "stretchable", scene.shift, self.precision, False)
+        return Stretchable(tf, scene.unit, length, n, domain, scene.shift, self.precision, most=1)
 
     def termination(self, scene: Scene) -> float:
-        return scene.integrator.termination(scene)
+        ending = scene.integrator.termination(scene)
+        return ending if self.shadows.alone else max(ending, ENDING)
 
 
 def shade(frame: Frame, rgba: wp.array, precision: str) -> Shaded:
@@ -83,7 +89,7 @@ def shade(frame: Frame, rgba: wp.array, precision: str) -> Shaded:
     height, width = rgba.shape
     shadows, device = frame.scene.shadows, frame.device
     assert shadows is not None
-    halves = frame.halves(REALS[precision], Half(bool(shadows.preintegrated)))
+    halves = frame.halves(REALS[precision], Half(bool(shadows.preintegrated), shadows.received == "traced"))
     # Samples of slices are points: clips leave them or not, and light is that of points.
     cuts = replace(halves.cuts, clipped=False, naive=bool(frame.scene.clips), parts=None)
     halves = replace(halves, cuts=cuts, light=halves.light and replace(halves.light, mode="point"))
@@ -143,7 +149,8 @@ def sweep_lights(
         eye.rgba.zero_()
         eye.lit.zero_()
         struct.march, shape, variance = place(scene.volume, frame.camera, shadows, light, struct.view)
-        for first, count, stack in travel(halves, struct, shape, variance, keep):
+        for first, count, lead, stack in travel(halves, struct, shape, variance, keep):
+            struct.march.lead = lead
             inputs = [struct, first, count, stack, eye]
             launch_pixels(advance, inputs, device, struct.view)
         inputs = [eye.rgba, eye.lit, wp.vec3d(*light.color), not shadows.alone, result]
@@ -154,15 +161,16 @@ def sweep_lights(
 
 def travel(
     halves: Halves, scene: Any, shape: tuple[int, int], variance: Callable[[int], float], keep: Keeper
-) -> Iterator[tuple[int, int, wp.array]]:
-    """Let light travel: yields the first slab, the number of slabs, and the light of the slices around them, which
-    only lasts until the next. ``scene`` is the struct, with the sweep in it.
+) -> Iterator[tuple[int, int, int, wp.array]]:
+    """Let light travel: yields the first slab, the number of slabs, and the light of the slices around them and of so
+    many before, which only lasts until the next. ``scene`` is the struct, with the sweep in it.
     """
     occupy, step = make_travel(halves)
     real, device = halves.real, keep.device
     rows, columns = shape
     runs = columns // int(RUN)
-    slices = scene.march.slices
+    sweep = scene.march
+    slices = sweep.slices
     shade = ShadeStruct()
     shade.occupied = wp.empty((-(-slices // int(SLABS)), -(-rows // int(ROWS)), runs), dtype=wp.uint8, device=device)
     launch(occupy, shade.occupied.size, [scene, shade.occupied], device)
@@ -170,28 +178,34 @@ def travel(
     state = make_state(real)()
     state.light = wp.ones((2, rows + 2 * int(BORDER), runs + 2), dtype=run_of(real), device=device)
     state.rest = wp.empty((rows, runs), dtype=run_of(real), device=device)
+    behind = int(np.ceil(sweep.reach / sweep.thickness)) if halves.march.traced else 0
     # Of one size whatever the view, so that the next frame can have it: what is not used takes no memory, and what a
     # process touches for the first time is slow (68 MB take 30 to 90 ms).
-    whole = keep.scratch("light", (max(AHEAD // wp.types.type_size_in_bytes(real), 17 * rows * columns),), real)
-    chunk = min(whole.size // (rows * columns) - 1, slices)
-    stack = wp.array(ptr=whole.ptr, dtype=real, shape=(chunk + 1, rows, columns), device=device)
-    state.stack = wp.array(ptr=whole.ptr, dtype=run_of(real), shape=(chunk + 1, rows, runs), device=device)
+    least = (behind + 17) * rows * columns
+    whole = keep.scratch("light", (max(AHEAD // wp.types.type_size_in_bytes(real), least),), real)
+    chunk = min(whole.size // (rows * columns) - 1 - behind, slices)
+    depth = behind + chunk + 1
+    stack = wp.array(ptr=whole.ptr, dtype=real, shape=(depth, rows, columns), device=device)
+    state.stack = wp.array(ptr=whole.ptr, dtype=run_of(real), shape=(depth, rows, runs), device=device)
     scenes = wp.array([scene], dtype=halves.Scene, device=device)
     source = 0
     for first in range(0, slices, chunk):
-        count = min(chunk, slices - first)
+        count, lead = min(chunk, slices - first), min(behind, first)
         steps: list[tuple] = []
         # The light in front of all slabs is attenuated by the first of them.
         for slab in range(first - (first == 0), first + count):
             q = variance(slab) if slab >= 0 else 0.0
             parts = min(int(np.ceil(q / LARGEST_STEP)) or 1, MOST_STEPS)
             for part in range(parts):
-                slot = slab + 1 - first if part == parts - 1 else -1
+                slot = lead + slab + 1 - first if part == parts - 1 else -1
                 steps.append((slab, real(q / parts), source, slot))
                 source = 1 - source
         launch_in_turn(step, rows * runs, steps, [scenes, shade, state], device)
-        yield first, count, stack
-        wp.copy(stack[0], stack[count])
+        yield first, count, lead, stack
+        # What the next needs of these, from the front on: they may overlap.
+        kept = min(behind, first + count) + 1
+        for n in range(kept):
+            wp.copy(stack[n], stack[lead + count + 1 - kept + n])
 
 
 def axis_of(camera: Camera, light: Light, mode: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -269,7 +283,7 @@ def place(
     to_index = np.linalg.inv(matrix)
     sweep = Sweep()
     sweep.start, sweep.thickness, sweep.slices = start, thickness, slices
-    sweep.parts = shadows.subsamples + 1
+    sweep.parts = shadows.parts
     sweep.ahead, sweep.offset = wp.vec3d(*(axis @ matrix)), float(axis @ shift)
     sweep.diverging = fans
     sweep.across = wp.mat33d(*np.vstack([side @ matrix, np.zeros(3)]).ravel())
@@ -282,7 +296,9 @@ def place(
     sweep.widening = cell**2
     sweep.before = 0.5 if shadows.splitting == "strang" else 1.0
     sweep.after = 1.0 - sweep.before
-    sweep.front = shadows.received == "front"
+    # Back to where slices and cells have nothing between them of what is dark behind a surface.
+    sweep.reach = shadows.cell_width + max(shadows.cell_width, shadows.slice_distance)
+    sweep.steps = max(1, round(sweep.reach / shadows.shortest))
 
     def variance(slab: int) -> float:
         way = thickness * slant if shadows.kernel == "diffusive" else 1.0

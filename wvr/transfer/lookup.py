@@ -66,7 +66,7 @@ HARDLY = 0.25
 @dataclass(frozen=True)
 class Stretchable(Part):
     """The same of mean emission and extinction, for segments of any length: layers of lengths, one behind the other
-    along the first axis, from the ``longest`` on each half as long as the one before.
+    along the first axis, from the ``longest`` on each half as long as the one before, ``most`` of them.
     """
 
     function: TransferFunction
@@ -76,6 +76,7 @@ class Stretchable(Part):
     domain: tuple[float, float]
     shift: float
     precision: str
+    most: int = LAYERS
     name: ClassVar[str] = "table"
 
     def build(self, keep: Keeper) -> Any:
@@ -100,4 +101,4 @@ class Stretchable(Part):
     def layers(self) -> int:
         """As many as there are lengths of which the densest segment is more than hardly dense, and one."""
         depth = float(transfer_values(self.function, self.unit)[:, 3].max()) * self.longest
-        return int(np.clip(np.ceil(np.log2(max(depth / HARDLY, 1.0))) + 1, 1, LAYERS))
+        return int(np.clip(np.ceil(np.log2(max(depth / HARDLY, 1.0))) + 1, 1, self.most))
