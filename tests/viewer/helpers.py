@@ -57,7 +57,7 @@ class Client:
         self.session.close()
 
 
-def wait_for(what, seconds=10.0):
+def wait_for(what, seconds=60.0):
     """Until it is true."""
     end = time.monotonic() + seconds
     while not (found := what()) and time.monotonic() < end:

@@ -123,13 +123,12 @@ def test_an_event_ends_a_refinement():
 
 
 def test_closing_leaves_nothing_running_and_shows_nothing_more():
-    before = threading.active_count()
     painter = Painter((0.02, 0.02, 0.02))
     screen = Screen(painter)
     screen.loop.change(lambda state: 1)
     screen.loop.close()
     seen = len(screen.seen)
-    assert painter.running == 0 and threading.active_count() == before
+    assert painter.running == 0 and not screen.loop._thread.is_alive()
     screen.loop.change(lambda state: 2)
     time.sleep(0.05)
     assert len(screen.seen) == seen
