@@ -111,7 +111,9 @@ def make_raycasts(halves):
     ):
         scene.march.scratch = scratch
         first = (wp.tid() + base) * rays
-        lines = wp.zeros(shape=(rays, 9), dtype=wp.float64)
+        # Eight numbers a ray, which snippets count on.
+        lines = wp.zeros(shape=(rays, 8), dtype=wp.float64)
+        looseness = wp.zeros(shape=(rays,), dtype=wp.float64)
         results = wp.zeros(shape=(rays, 6), dtype=wp.float64)
         last = int(rays)
         for r in range(last):
@@ -123,7 +125,7 @@ def make_raycasts(halves):
                     lines[r, 3 + a] = along[a]
                 lines[r, 6] = start
                 lines[r, 7] = stop
-                lines[r, 8] = loose
+                looseness[r] = loose
         march(scene, lines, results)
         for r in range(last):
             x, y = pixel(scene.view, first + r)
@@ -136,6 +138,6 @@ def make_raycasts(halves):
                 else:
                     rgba[y, x] = vec4()
                 samples[y, x] = int(results[r, 4])
-                bounds[y, x] = whole(scene, x, y, hit, bound, lines[r, 8])
+                bounds[y, x] = whole(scene, x, y, hit, bound, looseness[r])
 
     return raycasts

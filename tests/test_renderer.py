@@ -154,7 +154,7 @@ def test_table_size_and_generator(scene):
         ({"lighting": "phong"}, TypeError, "lighting must be a Lighting, True, .*got 'phong'"),
         ({"opacity": "linear"}, ValueError, "opacity is for colour maps, .*got 'linear'"),
         ({"clim": (0, 1)}, ValueError, "clim is for colour maps and presets, .*got"),
-        ({"integrator": "riemann"}, TypeError, "integrator must be an Integrator such as .*, got 'riemann'"),
+        ({"integrator": "riemann"}, TypeError, "integrator must be an Integrator, such as .*, got 'riemann'"),
         ({"size": (0, 5)}, ValueError, r"size must be \(width, height\), each >= 1, got \(0, 5\)"),
         ({"size": (5, -1)}, ValueError, "size"),
         ({"size": 512}, ValueError, "size must be two integers"),

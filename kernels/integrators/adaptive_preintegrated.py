@@ -133,7 +133,7 @@ def make_composed(halves):
         ray: wp.vec4d,
         count: int,
         cells: int,
-        times: wp.array2d(dtype=wp.float64),
+        times: wp.array3d(dtype=wp.float64),
         cubic: wp.array2d(dtype=real),
         lamp: Lamp,
     ):
@@ -184,7 +184,7 @@ def make_composed(halves):
                 if q[3] > real(0.0):
                     A = absorbed(q[3] * step)
                     if wp.static(lighted):
-                        t = times[0, l] + wp.float64(real(n) * step)
+                        t = times[0, 0, l] + wp.float64(real(n) * step)
                         start = lamp.light
                         if wp.abs(lamp.shone - t) > wp.float64(wp.static(NEAR)):
                             start = shine(scene, lamp, t)
@@ -197,7 +197,7 @@ def make_composed(halves):
                     ray = over(ray, widened(q))
                 if wp.static(traced):
                     whole = wp.float64(error * w * w)
-                    t = times[0, l] + wp.float64(real(n) * step)
+                    t = times[0, 0, l] + wp.float64(real(n) * step)
                     record(scene, count, t, wp.vec3d(wp.float64(step), whole, whole * wp.float64(w)), ray)
                 count += 1
                 n += 1
@@ -242,7 +242,7 @@ def make_walked(halves):
             lamp.direction = direction
             lamp.eye = eye_of(scene, vec3(direction))
             lamp.shone = -wp.float64(1.0)
-        times = wp.zeros(shape=(2, PACKET), dtype=wp.float64)
+        times = wp.zeros(shape=(1, 2, PACKET), dtype=wp.float64)
         cubic = wp.zeros(shape=(7, PACKET), dtype=real)
         w = enter(scene.field.last, origin, direction, start)
         stop = wp.min(stop, w.out)
@@ -257,7 +257,7 @@ def make_walked(halves):
                     p = origin + (cells.start[l] + h) * direction
                     p -= wp.vec3d(wp.float64(i), wp.float64(j), wp.float64(k))
                     m = centered(scene.field, i, j, k, p, direction, h)
-                    times[0, l] = cells.start[l]
+                    times[0, 0, l] = cells.start[l]
                     cubic[1, l] = real(m[0] + m[2] * wp.float64(wp.static(1.0 / 3.0)))
                     cubic[2, l] = real(m[1])
                     cubic[3, l] = real(m[2])
@@ -288,16 +288,16 @@ def make_packed(halves):
             lamp.direction = direction
             lamp.eye = eye_of(scene, wp.vec3(direction))
             lamp.shone = -wp.float64(1.0)
-        state = wp.zeros(shape=(16,), dtype=wp.float64)
-        cells = wp.zeros(shape=(CELLS,), dtype=wp.uint64)
-        times = wp.zeros(shape=(2, CELLS), dtype=wp.float64)
+        state = wp.zeros(shape=(1, 20), dtype=wp.float64)
+        cells = wp.zeros(shape=(1, CELLS), dtype=wp.uint64)
+        times = wp.zeros(shape=(1, 2, CELLS), dtype=wp.float64)
         cubic = wp.zeros(shape=(7, CELLS), dtype=wp.float32)
-        going = begin(scene.field.last, origin, direction, start, stop, state)
+        going = begin(scene.field.last, origin, direction, start, stop, state, 0)
         while going and ray[3] <= scene.opaque:
-            n = stride(scene.blocks, scene.march.octants, start, state, cells, times)
-            going = more(state)
+            n = stride(scene.blocks, scene.march.octants, start, state, cells, times, 0)
+            going = more(state, 0)
             if n > 0:
-                cubics(scene.field, origin, direction, cells, times, n, cubic)
+                cubics(scene.field, origin, direction, cells, times, 0, n, cubic)
                 ray, count, lamp = composed(scene, ray, count, n, times, cubic, lamp)
         return ray, count, wp.float64(0.0)
 
