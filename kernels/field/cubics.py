@@ -140,7 +140,7 @@ for (int j = 0; j < n; j += 8) {
         const auto* a = data + (int64_t)(q >> 42) * nxy + (int64_t)((q >> 21) & 0x1fffff) * nx
             + (int64_t)(q & 0x1fffff);
         for (int m = 0; m < 8; ++m) c[m][l] = double(a[(m >> 2) * nxy + ((m >> 1) & 1) * nx + (m & 1)]) SHIFTED;
-        for (int m = 0; m < 6; ++m) line[m][l] = lines.data[8 * ray + m];
+        for (int m = 0; m < 6; ++m) line[m][l] = lines.data[lines.shape[1] * ray + m];
         place[l] = (int64_t)q;
         start[l] = times.data[2 * COUNT * ray + cell];
         stop[l] = times.data[2 * COUNT * ray + COUNT + cell];
