@@ -2,10 +2,13 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test fuzz cuda lint bench studies docs clean
+.PHONY: demo demo-cluster test fuzz cuda lint bench studies docs clean
 
 demo: .venv/ready
 	$(BIN)/python -m studies.demo
+
+demo-cluster: .venv/ready
+	$(BIN)/python -m studies.demo_cluster
 
 test: .venv/ready
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile

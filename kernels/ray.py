@@ -34,6 +34,7 @@ class View:
     high: wp.vec3d
     seen_low: wp.vec3d  # the box of all that there is to see, inside that
     seen_high: wp.vec3d
+    grain: wp.float64  # above 0: a power of two, of which all places where rays enter are multiples (``bricks.brick``)
     astray: wp.float64  # how far rounding may put a ray from where it should be, in the box [index coordinates]
     stop: wp.array(dtype=int)  # not 0: the rest of the image is no longer asked for; empty where nobody would say so
 

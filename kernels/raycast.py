@@ -8,9 +8,10 @@ from functools import cache
 
 import warp as wp
 
+from .bricks.brick import on_grain, owned
 from .cuts.stretches import make_stretches
 from .precision import vec4_of
-from .ray import View, ending, entry, inside, inverted, line, pixel
+from .ray import FAR, View, ending, entry, inside, inverted, line, pixel
 
 
 @wp.func
@@ -19,6 +20,8 @@ def reach(view: View, x: int, y: int):
     depth that ends it may be.
     """
     point, along, length, first = entry(view, x, y)
+    if view.grain > wp.float64(0.0):
+        point = on_grain(point, view.grain)
     end, loose = ending(view, x, y)
     if loose > wp.float64(0.0):
         loose += wp.float64(wp.static(2.0**-50)) * wp.abs(first)
@@ -53,15 +56,17 @@ def make_bound(halves):
 @cache
 def make_raycast(halves):
     """Kernel ``(base, scene, rgba, samples, bounds, scratch)`` over work items of ``ray.pixel``; a march that is
-    ``bounded`` writes ``bounds``, and ``scratch`` is the address of memory of the thread's own.
+    ``bounded`` writes ``bounds``, and ``scratch`` is the address of memory of the thread's own. Of a brick, whose image
+    others are seen through, ``rgba`` is float64.
     """
     if halves.rays > 1:
         return make_raycasts(halves)
-    vec4 = vec4_of(halves.real)
+    vec4 = wp.vec4d if halves.brick else vec4_of(halves.real)
     Scene = halves.Scene
     march = make_stretches(halves) if halves.cuts.any else halves.march.march(halves)
     bounded = halves.march.bounded
     whole = make_bound(halves) if bounded else None
+    cast = make_brick_cast(halves, march) if halves.brick else None
 
     @wp.kernel(enable_backward=False, module="unique")
     def raycast(
@@ -77,16 +82,25 @@ def make_raycast(halves):
             return
         if wp.static(halves.scratch > 0):
             scene.march.scratch = scratch
-        point, along, start, stop, loose = reach(scene.view, x, y)
+        # Of the whole image, which a brick has a part of.
+        column = int(x)
+        row = int(y)
+        if wp.static(halves.brick):
+            column += scene.brick.column
+            row += scene.brick.row
+        point, along, start, stop, loose = reach(scene.view, column, row)
         ray = wp.vec4d()
         count = int(0)
         bound = wp.float64(0.0)
-        if stop > start:
+        if wp.static(halves.brick):
+            if stop > start:
+                ray, count, bound, stop = cast(scene, x, y, point, along, start, stop)
+        elif stop > start:
             ray, count, bound = march(scene, point, along, start, stop)
         rgba[y, x] = vec4(ray)
         samples[y, x] = count
         if wp.static(bounded):
-            bounds[y, x] = whole(scene, x, y, stop > start, bound, loose)
+            bounds[y, x] = whole(scene, column, row, stop > start, bound, loose)
 
     return raycast
 
@@ -141,3 +155,52 @@ def make_raycasts(halves):
                 bounds[y, x] = whole(scene, x, y, hit, bound, looseness[r])
 
     return raycasts
+
+
+@cache
+def make_brick_cast(halves, march):
+    """``cast(scene, x, y, point, along, start, stop)`` -> composite, count and bound of what a brick has of a ray, and
+    where that ends: not behind ``start`` if there is nothing.
+    """
+    Scene = halves.Scene
+    bounded = halves.march.bounded
+    anchored = getattr(halves.march, "anchored", False)
+
+    @wp.func
+    def cast(scene: Scene, x: int, y: int, point: wp.vec3d, along: wp.vec3d, start: wp.float64, stop: wp.float64):
+        one = wp.float64(1.0)
+        brick = scene.brick
+        ray = wp.vec4d()
+        count = int(0)
+        bound = wp.float64(0.0)
+        clear = one
+        if brick.front.shape[0] > 0:
+            clear = brick.front[y, x]
+        first, last = owned(brick, point, inverted(along), start, stop)
+        if last > first and clear < one - scene.opaque:
+            # A ray that is opaque asks for nothing more; whatever is here and behind is between 0 and the brightest.
+            if wp.static(bounded):
+                ray[3] = one
+                bound = scene.march.brightest
+        elif last > first:
+            scene.opaque = one - (one - scene.opaque) / wp.max(clear, wp.float64(1.0e-300))
+            if wp.static(anchored):
+                # Segments count from where the ray enters the whole; the brick has those whose middles are in it.
+                scene.brick.enter = wp.where(first > start, first, -FAR)
+                scene.brick.leave = wp.where(last < stop, last, FAR)
+                ray, count, bound = march(scene, point - brick.offset, along, start, stop)
+            else:
+                # What counts for a ray as a whole counts here by its part.
+                scene.stretch = 1
+                ray, count, bound = march(scene, point - brick.offset, along, first, last)
+                if wp.static(bounded):
+                    part = (last - first) / brick.longest
+                    bound += brick.opacity * ray[3] + brick.length * (last - first)
+                    bound += (
+                        wp.max(scene.view.astray - scene.march.allowed, wp.float64(0.0))
+                        * brick.astray
+                        * (ray[3] + part)
+                    )
+        return ray, count, bound, wp.where(last > first, stop, start)
+
+    return cast

@@ -10,6 +10,7 @@ from typing import Any
 
 import warp as wp
 
+from .bricks.brick import Brick
 from .cuts.stretches import Cuts
 from .field.blocks import Blocks
 from .integrators.steps import Trace
@@ -24,10 +25,12 @@ class Halves:
     """What a kernel is specialised for.
 
     ``march`` is the half of an integrator: ``Struct(halves)``; ``tabled``, whether segments are looked up in a table;
-    ``bounded``, whether there is a bound; and ``march(halves)`` -> a function ``march(scene, origin, direction, start,
-    stop)`` -> (composite, count, bound): premultiplied colour and opacity of the stretch of a ray from ``start`` to
-    ``stop``, how much it cost, and a bound on the error of any channel, 0 where the method gives none. The ray is at
-    ``origin + t direction`` in index coordinates, all in float64, lengths in units of the smallest voxel spacing.
+    ``bounded``, whether there is a bound; ``anchored``, whether segments count from where a ray enters the volume, so
+    that of a brick they are those of ``scene.brick``; and ``march(halves)`` -> a function ``march(scene, origin,
+    direction, start, stop)`` -> (composite, count, bound): premultiplied colour and opacity of the stretch of a ray
+    from ``start`` to ``stop``, how much it cost, and a bound on the error of any channel, 0 where the method gives
+    none. The ray is at ``origin + t direction`` in index coordinates, all in float64, lengths in units of the smallest
+    voxel spacing.
     """
 
     real: type  # of everything along a ray but the sums: float32 or float64
@@ -37,11 +40,12 @@ class Halves:
     light: Lit | None = None
     vectors: bool = False  # there are vectors to compute with, as clang has them
     traced: bool = False  # the steps of a ray are written down, by a march that has them
+    brick: bool = False  # of a part of a grid, as of ``bricks``
 
     @property
     def rays(self) -> int:
         """Rays of a work item: several of a march that takes them at a time, where nothing cuts them."""
-        return 1 if self.cuts.any or not self.vectors else getattr(self.march, "rays", 1)
+        return 1 if self.cuts.any or self.brick or not self.vectors else getattr(self.march, "rays", 1)
 
     @property
     def scratch(self) -> int:
@@ -62,11 +66,12 @@ class Halves:
             self.cuts.Struct(self.real) if self.cuts.used else None,
             self.light is not None,
             self.traced,
+            self.brick,
         )
 
 
 @cache
-def _make_scene(real, Field, March, tabled, CutsStruct, lit, traced):
+def _make_scene(real, Field, March, tabled, CutsStruct, lit, traced, brick):
     members = {
         "view": View,
         "field": Field,
@@ -85,4 +90,6 @@ def _make_scene(real, Field, March, tabled, CutsStruct, lit, traced):
         members["light"] = Lights
     if traced:
         members["trace"] = Trace
+    if brick:
+        members["brick"] = Brick
     return wp.struct(type("Scene", (), {"__annotations__": members, "__module__": __name__}))

@@ -3,6 +3,9 @@
 import sys
 
 from . import datasets, presets
+from .bricks.open import build_ranges
+from .bricks.open import open as open
+from .bricks.stored import StoredVolume
 from .camera import Camera
 from .compare import Comparison, compare
 from .cuts.labels import Segmentation
@@ -63,15 +66,18 @@ __all__ = [
     "Riemann",
     "Segmentation",
     "Simpson",
+    "StoredVolume",
     "Table",
     "TransferFunction",
     "Viewer",
     "Volume",
     "as_volume",
+    "build_ranges",
     "compare",
     "datasets",
     "enclose",
     "get_num_threads",
+    "open",
     "orbit",
     "preintegrate",
     "presets",

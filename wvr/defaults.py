@@ -80,15 +80,20 @@ class Call(NamedTuple):
             raise TypeError(f"segmentation must be a Segmentation or None, got {kind}")
         chosen: Suggestion | None = None
         function: TransferFunction | None = None
-        domain = domain_of(self.integrator, volume)
+        # What is in a store is looked at in fewer samples, if there are such.
+        seen: Any = getattr(volume, "preview", None) or volume
+        domain = domain_of(self.integrator, seen)
         if self.transfer_function is not None or self.segmentation is None:
-            function, chosen = function_of(self.transfer_function, volume, self.opacity, self.clim, domain)
+            function, chosen = function_of(self.transfer_function, seen, self.opacity, self.clim, domain)
+            if chosen is not None and seen is not volume and function.unit_distance is None:
+                function = function.per(seen.smallest_spacing)
             function = function.for_volume(volume)
         shown: Any = None if function is None else framed_by(self.integrator, function)
         if self.segmentation is not None:
             shown = self.segmentation.for_volume(volume)
-        camera = camera_of(self.camera, volume, shown, size[0] / size[1], clip_list(self.clip))
-        lighting = lighting_of(self.lighting, has_surfaces(self.integrator, chosen), camera)
+        camera = camera_of(self.camera, seen, shown, size[0] / size[1], clip_list(self.clip))
+        surfaces = has_surfaces(self.integrator, chosen) and not volume.stored
+        lighting = lighting_of(self.lighting, surfaces, camera)
         suggested = chosen is not None or (domain is not None and self.transfer_function is None)
         background = BACKGROUND if self.background is None and suggested else self.background
         return Look(function, camera, lighting, shadows_of(self.shadows, lighting, camera), background)

@@ -49,6 +49,9 @@ class Frame:
         Of the image, once it is there; None where the integrator gives none.
     """
 
+    #: Whether something was left out that would be seen.
+    partly = False
+
     def __init__(
         self, scene: Scene, camera: Camera, size: tuple[int, int], keep: Keeper, ends: NDArray[np.float64] | None = None
     ):
@@ -165,14 +168,14 @@ class Frame:
         light = None if lighting is None else lighting.half(scene, scene.integrator.segments)
         return Halves(real, scene.volume.half, march, cuts, light, self.device.is_cpu)
 
-    def struct(self, halves: Halves, sweep: Sweeping | None = None) -> tuple[Any, Seen]:
+    def struct(self, halves: Halves, sweep: Sweeping | None = None, rays: Any = None) -> tuple[Any, Seen]:
         """The scene's struct for a kernel of these halves, filled, and what there is to see; for the integrator, or a
-        sweep of light.
+        sweep of light; with those ``rays`` (a ``kernels.ray.View``), by default all of the frame.
         """
         scene, keep = self.scene, self.keep
         integrator: Any = scene.integrator if sweep is None else sweep
         struct = halves.Scene()
-        struct.view = view(scene.volume, self.camera, self.width, self.height)
+        struct.view = view(scene.volume, self.camera, self.width, self.height) if rays is None else rays
         if self.ends is not None:
             struct.view.ends = wp.array(self.ends, dtype=wp.float64, device=self.device)
         struct.field = scene.volume.struct(keep, scene.shift)

@@ -10,6 +10,7 @@ from .validation import near
 if TYPE_CHECKING:
     from threading import Event
 
+    from .bricks.reading import Missing
     from .colormaps import Opacity
     from .cuts.base import Clip
     from .cuts.labels import Segmentation
@@ -33,6 +34,10 @@ class Look(TypedDict, total=False):
     skip_empty: bool
     clip: Clip | Sequence[Clip] | None
     segmentation: Segmentation | None
+    memory_limit: int | str | None
+    budget: float | str | None
+    missing: Missing
+    client: Any
 
 
 class Options(Look, total=False):

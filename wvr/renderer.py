@@ -8,6 +8,9 @@ from threading import Event
 from typing import TYPE_CHECKING, Any, NoReturn, overload
 
 from .advice import advise
+from .bricks.frame import BrickedFrame
+from .bricks.reading import Missing, Reading
+from .bricks.store import BrickStore
 from .camera import Camera, image_size
 from .colormaps import Opacity
 from .cuts.base import Clip, clip_list
@@ -70,7 +73,7 @@ class Renderer:
     skip_empty
         Leap over blocks of the volume in which nothing has any extinction; the image is the same to rounding, but that
         adaptive Simpson steps begin elsewhere.
-    clip, segmentation
+    clip, segmentation, memory_limit, budget, missing, client
         See :func:`render`.
     """
 
@@ -90,6 +93,10 @@ class Renderer:
         skip_empty: bool = True,
         clip: Clip | Sequence[Clip] | None = None,
         segmentation: Segmentation | None = None,
+        memory_limit: int | str | None = None,
+        budget: float | str | None = None,
+        missing: Missing = "error",
+        client: Any = None,
     ):
         if tolerance is not None:
             if integrator is not None:
@@ -107,6 +114,8 @@ class Renderer:
         self.skip_empty = skip_empty
         self.clip = clip
         self.segmentation = segmentation
+        self._reading = Reading.of(memory_limit, budget, missing, client)
+        self._bricks: BrickStore | None = None
         self._keepers: dict[str, Keeper] = {}
         self._lock = Lock()
 
@@ -191,7 +200,12 @@ class Renderer:
         device = get_device(self.device)
         keep = self._keepers.setdefault(device.alias, Keeper(device))
         try:
-            image = Frame(scene, camera, size, keep, ends).render()
+            if self._reading.limited or scene.volume.stored:
+                if ends is not None:
+                    raise ValueError("depth is not there for a volume in bricks (memory_limit, client, wvr.open)")
+                image, self._bricks = BrickedFrame(scene, camera, size, keep, self._reading).render(self._bricks)
+            else:
+                image = Frame(scene, camera, size, keep, ends).render()
         finally:
             keep.end_of_frame()
         advise(scene, image)
@@ -240,6 +254,10 @@ def render(
     clip: Clip | Sequence[Clip] | None = None,
     segmentation: Segmentation | None = None,
     depth: Any = None,
+    memory_limit: int | str | None = None,
+    budget: float | str | None = None,
+    missing: Missing = "error",
+    client: Any = None,
     cancel: Event | None = None,
     **unknown: NoReturn,
 ) -> Image:
@@ -307,6 +325,18 @@ def render(
         (height, width): where rays end, from the camera's plane along the view [world length]; NaN and infinite are no
         end. What is behind something opaque is not seen then, exactly, and bounds hold: of a PyVista plotter that has
         been shown it is ``-plotter.get_image_depth()``. See docs/projections.md.
+    memory_limit
+        Bytes, or a text such as ``"4 GiB"``, that samples and what is made of them take at a time beside the process
+        itself: the volume is rendered in bricks, from the camera outwards, of which no more are there than fit. By
+        default a volume in memory is rendered as it is, and one of :func:`wvr.open` in a quarter of what is free.
+    budget
+        Of a volume of :func:`wvr.open`: seconds after which, or bytes (a text such as ``"200 MB"``) once they are read,
+        nothing more is read; what was not read is in the ``error_bound``.
+    missing
+        What becomes of chunks of a volume of :func:`wvr.open` that cannot be read: ``"error"``, an ``OSError`` that
+        names one, or ``"bound"``: what they may look like is in the ``error_bound``.
+    client
+        A ``distributed.Client`` (Dask), whose workers read and render the bricks of a volume of :func:`wvr.open`.
     cancel
         A ``threading.Event``. Once another thread sets it, rays under way are finished, on CUDA all that was launched,
         and the render ends with :class:`Cancelled`; nothing is left running. By default nothing cancels it.
@@ -359,5 +389,9 @@ def render(
         skip_empty=skip_empty,
         clip=clip,
         segmentation=segmentation,
+        memory_limit=memory_limit,
+        budget=budget,
+        missing=missing,
+        client=client,
     )
     return renderer.render(look.camera, size, cancel, depth)

@@ -48,6 +48,7 @@ class Scene:
     skip_empty: bool
     clips: tuple[Clip, ...]
     segmentation: Segmentation | None
+    like: Scene | None = None  # a scene that differs in which brick it is of alone
 
     def check(self, camera: Camera) -> None:
         """Say what is wrong with it: which argument, what was given, what is accepted."""

@@ -30,6 +30,8 @@ DIMENSIONS = {
 AXIS_OF = {name: axis for axis, names in DIMENSIONS.items() for name in names}
 # Coordinates that differ by less than this part of a step are equally spaced: those of float32 files do.
 UNEVEN = 1e-3
+# What a zarr store has in its folder.
+ZARR = ("zarr.json", ".zarray", ".zgroup")
 # Samples at most of a grid that another one is resampled on.
 RESAMPLED = 256**3
 
@@ -49,7 +51,8 @@ def as_volume(
     ----------
     data
         - a :class:`Volume`, which is returned as it is;
-        - the path of a file or folder, as for :func:`wvr.read`, or the name of a dataset (:mod:`wvr.datasets`);
+        - the path of a file or folder, as for :func:`wvr.read`, of a zarr store, as for :func:`wvr.open`, or the name
+          of a dataset (:mod:`wvr.datasets`);
         - an array of three axes: NumPy, Warp, anything with DLPack (PyTorch, JAX, CuPy) or that NumPy takes (lists,
           Dask, Zarr). Axes of one sample before the last three are left out. Bool and wide integers become the smallest
           dtype that holds every value; masked samples are transparent;
@@ -116,6 +119,10 @@ def _named(name: str | os.PathLike[str], scalars: str | None, nan: NanPolicy) ->
     from .io import read
 
     known = datasets.names()
+    if any((Path(name) / inside).exists() for inside in ZARR):
+        from .bricks.open import open as open_volume
+
+        return open_volume(name, scalars=scalars, nan=nan)  # type: ignore[return-value]
     if not Path(name).exists() and str(name) in known:
         return datasets.load(str(name))
     if not Path(name).exists() and not Path(name).suffix:
@@ -216,14 +223,14 @@ def _from_xarray(data: xr.DataArray | xr.Dataset, name: str | None, nan: NanPoli
     known = {AXIS_OF.get(str(dim).lower()): dim for dim in array.dims}
     order = [known[axis] for axis in "zyx"] if set(known) == {"x", "y", "z"} else list(array.dims)
     array = array.transpose(*order)
-    steps = [_step(array, dim) for dim in reversed(order)]
+    steps = [step_of(array, dim) for dim in reversed(order)]
     spacing = np.array([abs(step) for _, step in steps])
     signs = np.sign([step for _, step in steps])
     values = narrowed(np.asarray(array.values))
     return Volume(values, spacing, [start for start, _ in steps], np.diag(signs), nan)
 
 
-def _step(array: xr.DataArray, dim: Any) -> tuple[float, float]:
+def step_of(array: xr.DataArray, dim: Any) -> tuple[float, float]:
     """First coordinate and step along a dimension; 0 and 1 where it has no coordinates that are numbers."""
     if dim not in array.coords:
         return 0.0, 1.0

@@ -296,6 +296,10 @@ class TransferFunction:
         unit = diagonal / max(float(np.mean(volume.dimensions)) - 1, 1.0)
         return self.from_arrays(self.knots, self.colors, self.opacities, unit, **self.materials())
 
+    def per(self, unit_distance: float) -> TransferFunction:
+        """The same opacities for another ``unit_distance`` [world length]."""
+        return self.from_arrays(self.knots, self.colors, self.opacities, unit_distance, **self.materials())
+
     def extinction(self, s: ArrayLike, smallest_spacing: float = 1.0) -> Floats:
         """Extinction [1/world length] at scalars ``s``, of the shape of ``s``; 0 where ``s`` is NaN."""
         return self._interpolate(s, self.knot_extinctions(smallest_spacing))

@@ -105,7 +105,7 @@ class Volume(Field):
         self.origin = finite_vector(origin, "origin", "the position of sample (0, 0, 0)")
         if np.abs(self.origin).max() > FARTHEST:
             raise ValueError(f"origin must be within {FARTHEST:g}, got {tuple(self.origin.tolist())}")
-        self.direction = _direction(np.eye(3) if direction is None else direction)
+        self.direction = direction_of(np.eye(3) if direction is None else direction)
         self.nan = choice(nan, "nan", ("error", "transparent"))
         self._device_arrays: dict[str, wp.array] = {}
         self._scaled: dict[int, Volume] = {}
@@ -262,6 +262,10 @@ class Volume(Field):
     def missing_on(self, device: wp.Device) -> int:
         return 0 if device.is_cpu or device.alias in self._device_arrays else self.nbytes
 
+    def region(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> NDArray:
+        """A copy of the samples from ``low`` to ``high``, both included, along x, y, z."""
+        return self.host()[tuple(slice(a, b + 1) for a, b in zip(low[::-1], high[::-1], strict=True))].copy()
+
     def part(self) -> Data:
         """The samples as a part that renderers keep."""
         return Data(self, self.version)
@@ -328,7 +332,7 @@ def _writable(array: NDArray) -> bool:
     return True
 
 
-def _direction(matrix: ArrayLike) -> NDArray[np.float64]:
+def direction_of(matrix: ArrayLike) -> NDArray[np.float64]:
     try:
         direction = np.array(matrix, np.float64)
     except (TypeError, ValueError):

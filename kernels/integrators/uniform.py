@@ -11,6 +11,7 @@ from functools import cache
 
 import warp as wp
 
+from ..bricks.brick import middles_before
 from ..cuts.partial import make_partial
 from ..cuts.volumes import make_shown
 from ..field.walk import make_unseen, make_within
@@ -31,6 +32,7 @@ class Half:
 
     rule: str
     bounded = False
+    anchored = True
 
     @property
     def tabled(self):
@@ -172,20 +174,25 @@ def make_uniform(halves):
         step = real(scene.march.step)
         ray = wp.vec4d()
         count = int(wp.ceil(length / step))
+        i = int(0)
+        end = count
+        if wp.static(halves.brick):
+            wide = wp.float64(scene.march.step)
+            i = middles_before(scene.brick.enter - begin, wide, count)
+            end = middles_before(scene.brick.leave - begin, wide, count)
         eye = vec3()
         if wp.static(lighted):
             eye = eye_of(scene, direction)
         front = real(0.0)
         if wp.static(ends):
-            front = value(scene.field, origin)
-        i = int(0)
+            front = value(scene.field, origin + real(i) * step * direction)
         evaluated = int(0)
         # What light does where segment ``shone`` starts.
         first = Intensity()
         shone = int(-1)
         # Only where the last packet was transparent is it worth asking whether the block is.
         idle = bool(True)
-        while i < count and ray[3] <= scene.opaque:
+        while i < end and ray[3] <= scene.opaque:
             if idle:
                 ahead = unseen(scene.blocks.kinds, scene.field.last, origin, direction, length, step, i)
                 if ahead > i:
@@ -213,6 +220,8 @@ def make_uniform(halves):
                 for l in range(wp.static(PACKET)):
                     # The last step is what is left of the ray; lanes beyond have no length.
                     h = wp.clamp(length - real(i + l) * step, real(0.0), step)
+                    if wp.static(halves.brick):
+                        h = wp.where(i + l < end, h, real(0.0))
                     a = wp.min(real(i + l) * step, length)
                     if h > real(0.0) and present(front) and present(s[l]) and drawn(scene, origin, direction, a):
                         if wp.static(lighted):
@@ -254,6 +263,8 @@ def make_uniform(halves):
                 depth = packet()
                 for l in range(wp.static(PACKET)):
                     h = wp.clamp(length - real(i + l) * step, real(0.0), step)
+                    if wp.static(halves.brick):
+                        h = wp.where(i + l < end, h, real(0.0))
                     a = wp.min(real(i + l) * step, length)
                     at = a
                     if wp.static(rule == "midpoint"):
@@ -271,7 +282,7 @@ def make_uniform(halves):
                     for l in range(wp.static(PACKET)):
                         ray = over(ray, widened(vec4(A[l] * red[l], A[l] * green[l], A[l] * blue[l], A[l])))
             idle = ray[3] == before
-            evaluated += wp.min(count - i, wp.static(PACKET))
+            evaluated += wp.min(end - i, wp.static(PACKET))
             i += wp.static(PACKET)
         return ray, evaluated, wp.float64(0.0)
 

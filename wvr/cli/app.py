@@ -11,12 +11,13 @@ from .. import __version__
 from .info import info
 from .orbit import orbit
 from .render import render
+from .stores import ranges
 from .study import study
 from .view import view
 from .warm_up import warm_up
 
 app = App(name="wvr", help="Direct volume rendering, fast and accurate.", version=__version__, help_format="plaintext")
-for command in (render, orbit, view, info, warm_up, study):
+for command in (render, orbit, view, info, ranges, warm_up, study):
     app.command(command)
 app.register_install_completion_command(help="Have the shell complete commands and options.")
 

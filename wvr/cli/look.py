@@ -23,6 +23,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
+    from ..bricks.stored import StoredVolume
     from ..volume import Volume
 
 
@@ -135,15 +136,20 @@ class Look:
             wvr.set_num_threads(self.threads)
         return found
 
-    def of(self, volume: Volume, keywords: dict[str, Any]) -> Looks:
+    def of(self, volume: Volume | StoredVolume, keywords: dict[str, Any]) -> Looks:
         """The same with what depends on the volume."""
         method = keywords["integrator"]
-        function, chosen = transfer_function_of(self.tf, self.cmap, self.opacity, self.clim, volume, method)
+        # What is in a store is looked at in fewer samples, if there are such.
+        seen: Any = getattr(volume, "preview", None) or volume
+        function, chosen = transfer_function_of(self.tf, self.cmap, self.opacity, self.clim, seen, method)
+        if chosen is not None and seen is not volume and function.unit_distance is None:
+            function = function.per(seen.smallest_spacing)
         function = function.for_volume(volume)
         segmentation, files = (None, ()) if self.labels is None else labels_of(self.labels, function)
         found = keywords | {"transfer_function": function, "segmentation": segmentation}
-        plain = self.tf is None and self.cmap is None and domain_of(method, volume) is not None
+        plain = self.tf is None and self.cmap is None and domain_of(method, seen) is not None
         if chosen is not None or plain:
-            found["lighting"] = has_surfaces(method, chosen) if keywords["lighting"] is None else keywords["lighting"]
+            surfaces = has_surfaces(method, chosen) and not volume.stored
+            found["lighting"] = surfaces if keywords["lighting"] is None else keywords["lighting"]
             found["background"] = BACKGROUND if self.background is None else self.background
         return Looks(found, files)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -14,6 +14,7 @@ from .look import Look
 from .options import Lens, Vector, camera_of
 from .source import Reading, check_kept
 from .stages import Stages
+from .stores import Streaming
 
 
 def render(
@@ -28,6 +29,7 @@ def render(
     camera: Vector | None = None,
     look: Look = Look(),  # noqa: B008 - frozen
     reading: Reading = Reading(),  # noqa: B008 - frozen
+    streaming: Streaming = Streaming(),  # noqa: B008 - frozen
 ) -> None:
     """Render a volume to an image file.
 
@@ -60,16 +62,17 @@ def render(
     output = Path(f"{_stem(source)}.png") if output is None else output
     if not piped:
         _check_output(output, look.background)
-    with Stages() as stage:
-        volume = reading.load(source, look.nan, stage)
+    with Stages() as stage, streaming.client() as client:
+        volume = streaming.load(source, look.nan) or reading.load(source, look.nan, stage)
         keywords, read = look.of(volume, keywords)
         if not piped:
             check_kept(output, volume.files + read)
         lens = Lens(view_angle, parallel, width / height)
         shown = keywords["segmentation"] or framed_by(keywords["integrator"], keywords["transfer_function"])
-        view = camera_of(volume, shown, keywords["clip"], (camera, direction, up), lens)
+        seen: Any = getattr(volume, "preview", None) or volume
+        view = camera_of(seen, shown, keywords["clip"], (camera, direction, up), lens)
         stage("rendering")
-        image = wvr.render(volume, camera=view, **keywords)
+        image = wvr.render(volume, camera=view, **keywords, **streaming.options(client))
         stage(f"writing {output}")
         if piped:
             sys.stdout.buffer.write(image.png())

@@ -128,7 +128,7 @@ def clipping_struct(
 ) -> Any:
     """The struct of all clips, ``naive`` or as they are, for a volume whose rays may be ``astray`` by so much."""
     to_world = volume.index_to_world
-    reach = np.abs(to_world[:3, :3]) @ np.abs(volume.index_box).max(axis=0)  # of its box from its origin
+    reach = np.abs(to_world[:3, :3]) @ np.abs(volume.entire.index_box).max(axis=0)  # of its box from its origin
     dtype, kinds = clip_dtype(clips), clip_kinds(clips)
     VolumeStruct, Clipping = make_clipping(wp.dtype_from_numpy(dtype))
 

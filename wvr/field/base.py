@@ -49,6 +49,8 @@ class Field(ABC):
     shifts: bool = False
     #: Whether scalars at nodes are whole numbers.
     whole: bool = False
+    #: Whether its samples are in a store and read as they are seen, in bricks.
+    stored: bool = False
     #: Bytes of its samples.
     nbytes: int = 0
 
@@ -73,6 +75,11 @@ class Field(ABC):
     def smallest_spacing(self) -> float:
         """The smallest distance between neighbouring nodes along an axis [world length]."""
         return float(np.min(np.linalg.norm(self.index_to_world[:3, :3], axis=0)))
+
+    @property
+    def entire(self) -> Field:
+        """The field of whose rays images are: this one, or that which a brick is a part of."""
+        return self
 
     @property
     def index_box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

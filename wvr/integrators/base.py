@@ -35,6 +35,8 @@ class Integrator(ABC):
     cells: ClassVar[bool] = False
     #: Whether light has whole segments to light, in the ways of ``Lighting.mode``.
     segments: ClassVar[bool] = False
+    #: Whether a ray may be integrated brick by brick, each brick composed by ``over`` with those behind it.
+    splits: ClassVar[bool] = False
     #: What it asks of a field's device half besides ``value`` and ``differences``: "cubic", "centered", "extent".
     asks: ClassVar[tuple[str, ...]] = ()
     #: Whether it looks for values and places along rays (``kernels.probe``), and does not march them.
@@ -113,6 +115,16 @@ class Integrator(ABC):
 
     def check(self, scene: Scene) -> None:  # noqa: B027 - most have nothing to say
         """Say so where it cannot do what the scene asks for."""
+
+    def spent(self, scene: Scene, keep: Keeper) -> dict[str, float]:
+        """Of one with a bound, what rays of a brick count beside their pieces: fields of ``kernels.bricks.brick``."""
+        return {}
+
+    def sharing(self, scene: Scene) -> tuple[Integrator, float]:
+        """One that leaves some of a tolerance for parts of a volume that are not read, and how much; none where there
+        is none to leave.
+        """
+        return self, 0.0
 
     def report(self, frame: Frame) -> dict[str, Any]:
         """What it adds to the image's statistics."""

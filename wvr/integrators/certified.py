@@ -76,6 +76,8 @@ class Budget:
     sharp: bool  # rounding of the scalar counts piece by piece, else in ``rounding``
     single: bool  # cells are measured in single precision
     ticks: bool  # and when a ray enters them is counted in ticks
+    opacity: float  # of ``rounding``, what a brick's rays count in parts of their opacity there,
+    length: float  # and for each unit of their length
 
     @property
     def behind(self) -> float:
@@ -147,6 +149,7 @@ class Certified(Integrator):
     tolerance: float
     anywhere: ClassVar[bool] = True
     cells: ClassVar[bool] = True
+    splits: ClassVar[bool] = True
     asks: ClassVar[tuple[str, ...]] = ("centered", "extent")
 
     def __post_init__(self) -> None:
@@ -166,15 +169,17 @@ class Certified(Integrator):
         return "float64"
 
     def budget(self, scene: Scene) -> Budget:
-        """What is spent on what; counted once a scene."""
-        if scene not in _budgets:
-            _budgets[scene] = self._budget(scene)
-        return _budgets[scene]
+        """What is spent on what; counted once a scene, and for all its bricks."""
+        key = scene.like or scene
+        if key not in _budgets:
+            _budgets[key] = self._budget(scene)
+        return _budgets[key]
 
     def _budget(self, scene: Scene) -> Budget:
         brightest, longest = scene.brightest, scene.volume.longest
-        counted = COUNTED * sum(scene.volume.shape)
-        least = brightest * (PIECES + SUM * counted + float(np.finfo(self.shown(scene)).eps) / 2)
+        entire = scene.volume.entire
+        sums = SUM * COUNTED * sum(entire.shape)
+        least = brightest * (PIECES + sums + float(np.finfo(self.shown(scene)).eps) / 2)
         blurred = blur(scene)
         densest = max(float(transfer_values(tf, scene.unit)[:, 3].max()) for tf in scene.functions)
         # What rounding of the scalar comes to along any ray: little, unless slopes are steep or there are jumps.
@@ -185,18 +190,23 @@ class Certified(Integrator):
         sharp = bool(gentle >= self.tolerance / 32)
         single = self._single(scene)
         # What times in ticks come to (docs/proof-single.md, S12).
-        ticked = self.tolerance * 36 * max(scene.volume.shape) ** 2 * longest * 2.0**-51
+        ticked = self.tolerance * 36 * max(entire.shape) ** 2 * longest * 2.0**-51
         ticks = single and not sharp and ticked <= LITTLE * self.tolerance
-        rounding = least + (0.0 if sharp else gentle) + single * SINGLE * brightest + ticks * ticked
+        gentle, slopes = (0.0, 0.0) if sharp else (gentle, slopes)
+        # Bricks count what is partly for the opacity and partly for the length of a ray once for each.
+        again = gentle if entire is not scene.volume else 0.0
+        rounding = least + gentle + again + single * SINGLE * brightest + ticks * ticked
         rest = self.tolerance * (1 - UP) - rounding
-        slopes = 0.0 if sharp else slopes
-        return Budget(rounding, least, rest, brightest, longest, blurred, densest, slopes, sharp, single, ticks)
+        opacity = brightest * (PIECES + single * SINGLE) + gentle
+        length = (brightest * sums + gentle + ticks * ticked) / longest
+        parts = {"sharp": sharp, "single": single, "ticks": ticks, "opacity": opacity, "length": length}
+        return Budget(rounding, least, rest, brightest, longest, blurred, densest, slopes, **parts)
 
     def _single(self, scene: Scene) -> bool:
         """Whether most cells may be computed in single precision."""
         plain = scene.lighting is None and scene.segmentation is None and hasattr(scene.volume.half, "cubics")
         little = SINGLE * scene.brightest <= LITTLE * self.tolerance and self.shown(scene) == "float32"
-        return plain and little and max(scene.volume.shape) <= MOST
+        return plain and little and max(scene.volume.entire.shape) <= MOST
 
     def half(self, scene: Scene) -> Half:
         budget = self.budget(scene)
@@ -233,6 +243,16 @@ class Certified(Integrator):
             numbers |= {"rows": keep(rows), "octants": keep(Octants(scene.kinds()))}
         return numbers
 
+    def spent(self, scene: Scene, keep: Keeper) -> dict[str, float]:
+        shares = self.budget(scene)
+        absolute = max(keep(self.function(scene, tf))[0].absolute for tf in scene.functions)
+        astray = 0.0 if shares.sharp else 6 * float(np.ptp(scene.volume.range)) * shares.slopes
+        return {"opacity": shares.opacity, "length": shares.length + shares.brightest * absolute, "astray": astray}
+
+    def sharing(self, scene: Scene) -> tuple[Integrator, float]:
+        half = self.tolerance / 2
+        return (self, 0.0) if half < 8 * self.budget(scene).least else (Certified(half), half)
+
     def termination(self, scene: Scene) -> float:
         return self.budget(scene).behind
 
@@ -253,7 +273,7 @@ class Certified(Integrator):
         covered = f"opacity and the unlit integral, not the {' and '.join(extras)}" if extras else "all channels"
         assert frame.error_bound is not None
         over = int(np.count_nonzero(frame.error_bound > self.tolerance))
-        if over and frame.scene.termination is None:
+        if over and frame.scene.termination is None and not frame.partly:
             warnings.warn(
                 f"{over} of {frame.error_bound.size} rays are bounded by more than the tolerance {self.tolerance:g}, "
                 f"at most by {frame.error_bound.max():.2g}: along jumps or very steep slopes of the transfer function, "
@@ -281,7 +301,7 @@ def blur(scene: Scene) -> float:
 
 def _ulps(scene: Scene) -> NDArray[np.float64]:
     """The same in parts of the largest sample and of the range."""
-    return 2.0**-52 * np.array([8.0, 6.0 * max(scene.volume.shape)])
+    return 2.0**-52 * np.array([8.0, 6.0 * max(scene.volume.entire.shape)])
 
 
 def _steepest(tf: TransferFunction, unit: float, length: float) -> float:

@@ -42,6 +42,7 @@ class Exact(Integrator):
 
     anywhere: ClassVar[bool] = True
     cells: ClassVar[bool] = True
+    splits: ClassVar[bool] = True
     asks: ClassVar[tuple[str, ...]] = ("cubic",)
 
     @property

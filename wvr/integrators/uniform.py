@@ -21,6 +21,7 @@ class Uniform(Integrator):
     """What they have in common."""
 
     clips: ClassVar[tuple[str, ...]] = ("naive",)
+    splits: ClassVar[bool] = True
     step: float
 
     @property

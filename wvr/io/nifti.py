@@ -32,7 +32,7 @@ def read_nifti(path: Path) -> Grid:
             raise Flaw(f"its magic is {magic!r} where n+1, n+2, ni1 or ni2 is expected")
         with imageglobals.LoggingOutputSuppressor():
             head = kind.from_fileobj(BytesIO(content[:size]), check=False)
-        steps, origin = _place(path, head)
+        steps, origin = place_of(path, head)
     pair = magic[1:2] == b"i"
     return _read(path, _partner(path) if pair else path, head, 0 if pair else size, (steps, origin))
 
@@ -91,7 +91,7 @@ def _read(
     return Grid(array, *place, "RAS", tuple(dict.fromkeys((path, data))))
 
 
-def _place(path: Path, head: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def place_of(path: Path, head: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """That of the sform; where it is none, of the qform; without one, spacing alone."""
     for name in ("sform", "qform"):
         # Codes that say what it is are > 0; one that is all zero is none.

@@ -1,0 +1,1 @@
+"""Parts of a grid, and images of them."""

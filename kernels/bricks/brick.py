@@ -1,0 +1,59 @@
+"""Bricks: parts of a grid that are rendered one by one, each as of the rays of the whole.
+
+Where a ray enters the whole is rounded to a multiple of a power of two, so that neither taking a brick's offset from it
+nor a face from that rounds: places along the ray of a face that two bricks share are the same number in both, and what
+the one leaves is where the other begins. A ray in such a face belongs to the brick that the face is the lower one of
+(docs/proof.md, lemma 13).
+"""
+
+import warp as wp
+
+
+@wp.struct
+class Brick:
+    low: (
+        wp.vec3d
+    )  # what is its own of the whole [index coordinates of that]; far beyond it where it has the whole's face
+    high: wp.vec3d
+    offset: wp.vec3d  # its first sample, whole numbers
+    column: int  # of the image, that its first pixel is
+    row: int
+    front: wp.array2d(dtype=wp.float64)  # transparency in front of it; empty where that is not known
+    enter: wp.float64  # of a ray
+    leave: wp.float64
+    opacity: wp.float64  # rounding of a ray, in parts of its opacity in the brick,
+    length: wp.float64  # and for each unit of its length
+    astray: wp.float64  # that the opacity and the whole's longest ray allow for it to be astray, both
+    longest: wp.float64
+
+
+@wp.func
+def on_grain(p: wp.vec3d, grain: wp.float64):
+    """The nearest multiple."""
+    return grain * wp.vec3d(wp.rint(p[0] / grain), wp.rint(p[1] / grain), wp.rint(p[2] / grain))
+
+
+@wp.func
+def owned(brick: Brick, point: wp.vec3d, inverse: wp.vec3d, start: wp.float64, stop: wp.float64):
+    """What of a ray's [start, stop] is in the brick, the wrong way round if there is nothing."""
+    for a in range(3):
+        if inverse[a] != wp.float64(0.0):
+            t0 = (brick.low[a] - point[a]) * inverse[a]
+            t1 = (brick.high[a] - point[a]) * inverse[a]
+            start = wp.max(start, wp.min(t0, t1))
+            stop = wp.min(stop, wp.max(t0, t1))
+        elif point[a] < brick.low[a] or point[a] >= brick.high[a]:
+            stop = start - wp.float64(1.0)
+    return start, stop
+
+
+@wp.func
+def middles_before(t: wp.float64, step: wp.float64, count: int):
+    """Of so many segments from 0 on, how many have their middles before t."""
+    half = wp.float64(0.5)
+    n = int(wp.clamp(wp.ceil(t / step - half), wp.float64(0.0), wp.float64(count)))
+    while n > 0 and (wp.float64(n) - half) * step >= t:
+        n -= 1
+    while n < count and (wp.float64(n) + half) * step < t:
+        n += 1
+    return n

@@ -1,0 +1,357 @@
+"""Volumes that stay in a store: what is read, and that the image is that of the whole whatever was not."""
+
+from __future__ import annotations
+
+import pickle
+import shutil
+
+import numpy as np
+import pytest
+
+import wvr
+from wvr.bricks import ranges, stored
+from wvr.bricks.grid import Bricks
+
+zarr = pytest.importorskip("zarr")
+
+RNG = np.random.default_rng(3)
+DATA = np.clip(wvr.datasets.load("blobs", 40).numpy() + RNG.normal(0, 6, (40, 40, 40)), 0, 255).astype(np.uint8)
+DATA[DATA < 60] = 0
+WHOLE = wvr.Volume(DATA, (1.0, 1.1, 0.9))
+TF = wvr.TransferFunction([(0, "navy", 0.0), (100, "green", 0.0), (140, "gold", 0.1), (255, "white", 0.6)])
+CAMERAS = {
+    "outside": wvr.Camera.fit(WHOLE, (1, 0.6, 0.4)),
+    "inside": wvr.Camera((18, 21, 12), (30, 28, 30), view_angle=80),
+}
+SIZE = (20, 18)
+TOLERANCE = 1 / 256
+
+
+@pytest.fixture(autouse=True)
+def small_blocks(monkeypatch):
+    """Blocks of one chunk."""
+    monkeypatch.setattr(stored, "ALONG", 8)
+
+
+@pytest.fixture
+def store(tmp_path, request):
+    return written(tmp_path, getattr(request, "param", 3))
+
+
+def written(folder, version):
+    path = folder / "a.zarr"
+    array = zarr.create_array(path, shape=DATA.shape, chunks=(8, 8, 8), dtype="u1", zarr_format=version)
+    array[:] = DATA
+    return path
+
+
+def opened(store, **options):
+    return wvr.open(store, spacing=WHOLE.spacing, **options)
+
+
+def assert_within(image: wvr.Image, camera: wvr.Camera, tolerance: float | None = TOLERANCE) -> None:
+    exact = wvr.render(WHOLE, TF, camera, SIZE, integrator=wvr.Exact())
+    error = np.abs(image.rgba - exact.rgba).max(axis=2)
+    assert np.all(error <= image.error_bound), float((error - image.error_bound).max())
+    if tolerance is not None:
+        assert image.error_bound.max() <= tolerance
+
+
+@pytest.mark.parametrize(("store", "known"), [(2, False), (3, True)], ids=["no ranges", "ranges"], indirect=["store"])
+def test_it_is_the_whole(store, known):
+    if known:
+        wvr.build_ranges(store)
+    volume = opened(store)
+    assert (volume.ranges is not None) == known and volume.shape == DATA.shape
+    for camera in CAMERAS.values():
+        image = wvr.render(volume, TF, camera, SIZE, tolerance=TOLERANCE)
+        assert_within(image, camera)
+        assert image.stats["blocks_read_again"] == 0 and image.stats["blocks_read"] <= 125
+        exact = wvr.render(volume, TF, camera, SIZE, integrator=wvr.Exact())
+        whole = wvr.render(WHOLE, TF, camera, SIZE, integrator=wvr.Exact())
+        np.testing.assert_allclose(exact.rgba, whole.rgba, atol=1e-11)
+        assert exact.stats["blocks_read_again"] == 0
+
+
+def test_light_and_segments_reach_into_neighbours(store):
+    lit = {"integrator": wvr.Riemann(0.77), "lighting": wvr.Lighting(), "termination": 0.0, "precision": "float64"}
+    whole = wvr.render(WHOLE, TF, CAMERAS["outside"], SIZE, **lit)
+    image = wvr.render(opened(store), TF, CAMERAS["outside"], SIZE, **lit)
+    np.testing.assert_allclose(image.rgba, whole.rgba, atol=1e-11)
+
+
+def test_a_little_memory_is_enough(store):
+    """For less than all blocks at a time."""
+    image = wvr.render(opened(store), TF, CAMERAS["outside"], SIZE, tolerance=TOLERANCE, memory_limit="1 MiB")
+    assert image.stats["blocks_read_again"] == 0
+    assert_within(image, CAMERAS["outside"])
+    whole = stored.StoredVolume(stored.Samples(np.zeros((300, 300, 300)), "zeros", chunks=((300,),) * 3))
+    with pytest.raises(MemoryError, match="memory_limit"):
+        wvr.render(whole, TF, "iso", SIZE, memory_limit="1 MiB")
+
+
+def test_what_cannot_be_seen_is_never_read(store, monkeypatch):
+    volume = wvr.build_ranges(opened(store))
+    read = []
+    region = stored.StoredVolume.region
+    monkeypatch.setattr(
+        stored.StoredVolume, "region", lambda self, low, high: (read.append(low // 8), region(self, low, high))[1]
+    )
+    clear = wvr.TransferFunction([(0, "red", 0.0), (190, "red", 0.0), (200, "red", 0.9)])
+    wvr.render(volume, clear, CAMERAS["outside"], SIZE, tolerance=TOLERANCE)
+    # Only blocks that have something to see, or are next to one that has.
+    most = DATA.reshape(5, 8, 5, 8, 5, 8).max(axis=(1, 3, 5)) > 190
+    padded = np.pad(most, 1)
+    near = np.lib.stride_tricks.sliding_window_view(padded, (3, 3, 3)).any(axis=(3, 4, 5))
+    assert 0 < len(read) < 100 and all(near[tuple(at[::-1])] for at in read)
+    assert len({tuple(at) for at in read}) == len(read)
+
+
+def test_what_is_written_between_frames_is_seen(store):
+    """Ranges of blocks that changed are not believed."""
+    volume = wvr.build_ranges(opened(store))
+    camera = CAMERAS["outside"]
+    renderer = wvr.Renderer(volume, TF, tolerance=TOLERANCE)
+    before = renderer.render(camera, SIZE)
+    zarr.open_array(store, mode="r+")[16:24, 16:24, 32:40] = 255
+    after = renderer.render(camera, SIZE)
+    data = DATA.copy()
+    data[16:24, 16:24, 32:40] = 255
+    exact = wvr.render(wvr.Volume(data, WHOLE.spacing), TF, camera, SIZE, integrator=wvr.Exact())
+    assert np.abs(after.rgba - before.rgba).max() > 0.05
+    assert np.all(np.abs(after.rgba - exact.rgba).max(axis=2) <= after.error_bound)
+
+
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
+@pytest.mark.parametrize("budget", [0, "4 kB", "20 kB", 1000.0])
+def test_what_was_not_read_is_in_the_bound(store, camera, budget):
+    volume = wvr.build_ranges(opened(store))
+    image = wvr.render(volume, TF, camera, SIZE, tolerance=TOLERANCE, budget=budget)
+    assert_within(image, camera, None)
+    assert image.error_bound.max() <= 0.5 + 1e-6
+    if budget == 0:
+        assert image.stats["bytes_read"] == 0 and image.error_bound.max() > 0.1
+    elif budget == 1000.0:
+        assert image.error_bound.max() <= TOLERANCE
+    else:
+        assert image.stats["bytes_read"] < int(budget.split()[0]) * 1000 + 8 * 512
+
+
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
+def test_blocks_of_one_value_are_known_without_reading(camera):
+    """Ranges say all of them: the image is exact, and its bound but for the image's rounding nothing."""
+    values = np.full((40, 40, 40), 180, np.uint8)
+    volume = wvr.build_ranges(wvr.open(values, spacing=WHOLE.spacing))
+    image = wvr.render(volume, TF, camera, SIZE, budget=0, precision="float64")
+    exact = wvr.render(wvr.Volume(values, WHOLE.spacing), TF, camera, SIZE, integrator=wvr.Exact())
+    error = np.abs(image.rgba - exact.rgba).max(axis=2)
+    assert image.stats["blocks_read"] == 0 and np.all(error <= image.error_bound)
+    assert image.error_bound.max() < 1e-6
+
+
+@pytest.mark.parametrize("known", [False, True], ids=["no ranges", "ranges"])
+def test_a_chunk_that_is_damaged_is_named_or_in_the_bound(store, known):
+    volume = wvr.build_ranges(opened(store)) if known else opened(store)
+    key = volume.samples.array.metadata.encode_chunk_key((2, 2, 3))
+    (store / key).write_bytes(b"damaged")
+    camera = CAMERAS["outside"]
+    with pytest.raises(OSError, match=r"x 24 to 31, y 16 to 23, z 16 to 23"):
+        wvr.render(volume, TF, camera, SIZE, tolerance=TOLERANCE)
+    image = wvr.render(volume, TF, camera, SIZE, tolerance=TOLERANCE, missing="bound")
+    assert image.stats["bricks_missing"] > 0
+    assert_within(image, camera, None)
+    assert image.error_bound.max() > TOLERANCE
+
+
+def test_ranges_are_those_of_the_samples(store):
+    volume = wvr.build_ranges(store)
+    known = volume.ranges
+    first, last, whole = slice(0, 1), slice(-1, None), slice(None)
+    for at in ((0, 0, 0), (2, 3, 1), (4, 4, 4)):
+        block = DATA[tuple(slice(8 * n, 8 * n + 8) for n in at)]
+        for layer, part in (((0, 0, 0), (whole,) * 3), ((1, 0, 2), (first, whole, last)), ((2, 2, 2), (last,) * 3)):
+            samples = block[part]
+            assert known.values[(*at, *layer)].tolist() == [samples.min(), samples.max()]
+    assert known.limits() == (DATA.min(), DATA.max())
+    for towards in ((0, 0, 0), (2, 4, 1)):
+        found, there = known.of_bricks(towards)
+        assert there.all()
+        bricks = Bricks.of_chunks(volume.starts, towards)
+        for index in bricks:
+            low, high = bricks.box(index)
+            own = WHOLE.region(low, high)
+            # That of the brick, and of no more than its block besides.
+            assert found[index[::-1]][0] <= own.min() and found[index[::-1]][1] >= own.max()
+
+
+def test_ranges_go_on_where_they_stopped_and_notice_changes(store, monkeypatch):
+    seen = []
+    limits = ranges.limits_of
+    monkeypatch.setattr(ranges, "limits_of", lambda samples: (seen.append(1), limits(samples))[1])
+
+    class StopError(Exception):
+        pass
+
+    def stop(done, total):
+        if done == 40:
+            raise StopError
+
+    monkeypatch.setattr(ranges, "EVERY", 0.0)
+    with pytest.raises(StopError):
+        wvr.build_ranges(store, report=stop)
+    before = len(seen)
+    wvr.build_ranges(store)
+    assert before < 60 and len(seen) - before < 125 - 35
+    array = zarr.open_array(store, mode="r+")
+    array[0:8, 0:8, 0:8] = 255
+    seen.clear()
+    volume = wvr.build_ranges(store)
+    assert len(seen) == 1 and volume.ranges.values[0, 0, 0, 0, 0, 0].tolist() == [255, 255]
+
+
+def test_missing_values_and_floats(tmp_path):
+    data = DATA.astype(np.float32)
+    data[20:24, 18:22, 19:23] = np.nan
+    with pytest.raises(ValueError, match="NaN"):
+        wvr.render(wvr.open(data), TF, "iso", SIZE)
+    whole = wvr.Volume(data, nan="transparent")
+    camera = CAMERAS["outside"]
+    exact = wvr.render(whole, TF, camera, SIZE, integrator=wvr.Exact())
+    volume = wvr.build_ranges(wvr.open(data, nan="transparent"))
+    for options in ({}, {"budget": 0}):
+        image = wvr.render(volume, TF, camera, SIZE, tolerance=TOLERANCE, **options)
+        assert np.all(np.abs(image.rgba - exact.rgba).max(axis=2) <= image.error_bound)
+
+
+# What stores say of themselves.
+
+
+def read_all(volume) -> np.ndarray:
+    return volume.region(np.zeros(3, np.int64), np.array(volume.shape[::-1]) - 1)
+
+
+def test_a_pyramid_has_its_place_and_a_preview(tmp_path):
+    ngff = pytest.importorskip("ngff_zarr")
+    for version in ("0.4", "0.5"):
+        path = tmp_path / f"{version}.ome.zarr"
+        image = ngff.to_ngff_image(
+            DATA,
+            dims=["z", "y", "x"],
+            scale={"z": 2.0, "y": 1.0, "x": 0.5},
+            translation={"z": 5.0, "y": -1.0, "x": 3.0},
+        )
+        ngff.to_ngff_zarr(str(path), ngff.to_multiscales(image, scale_factors=[2, 4], chunks=16), version=version)
+        volume = wvr.open(path)
+        assert volume.spacing.tolist() == [0.5, 1.0, 2.0] and volume.origin.tolist() == [3.0, -1.0, 5.0]
+        np.testing.assert_array_equal(read_all(volume), DATA)
+        coarse = wvr.open(path, level=1)
+        known = ngff.from_ngff_zarr(str(path)).images[1]
+        assert coarse.shape == known.data.shape
+        np.testing.assert_allclose(coarse.spacing, [known.scale[axis] for axis in "xyz"])
+        np.testing.assert_allclose(coarse.origin, [known.translation[axis] for axis in "xyz"])
+        assert volume.preview.shape == (10, 10, 10)
+        with pytest.raises(ValueError, match="level"):
+            wvr.open(path, level=7)
+    # Suggested of the preview, seen in all samples.
+    image = wvr.render(path, size=SIZE)
+    assert image.rgba[..., 3].max() > 0.1 and image.stats["blocks_read"] > 0
+
+
+def test_axes_are_selected_by_name(tmp_path):
+    data = np.stack([[DATA[:9], DATA[9:18]], [DATA[18:27], DATA[27:36]]])  # t, c, z, y, x
+    array = zarr.create_array(tmp_path / "b.zarr", shape=data.shape, chunks=(1, 1, 4, 8, 8), dtype="u1")
+    array[:] = data
+    np.testing.assert_array_equal(read_all(wvr.open(array, t=1, c=0)), data[1, 0])
+    # Ranges of one are not those of another.
+    wvr.build_ranges(wvr.open(tmp_path / "b.zarr", t=1, c=0))
+    assert wvr.open(tmp_path / "b.zarr", t=1, c=0).ranges is not None
+    assert wvr.open(tmp_path / "b.zarr", t=0, c=0).ranges is None
+    (tmp_path / "b.zarr.c0.t1.ranges.npz").rename(tmp_path / "b.zarr.c0.t0.ranges.npz")
+    assert wvr.open(tmp_path / "b.zarr", t=0, c=0).ranges is None
+    with pytest.raises(ValueError, match=r"2 along c"):
+        wvr.open(array, t=1)
+    with pytest.raises(ValueError, match="u is no axis"):
+        wvr.open(array, t=1, c=0, u=1)
+    with pytest.raises(ValueError, match="t must be an index"):
+        wvr.open(array, t=5, c=0)
+
+
+def test_other_stores(tmp_path):
+    da = pytest.importorskip("dask.array")
+    xr = pytest.importorskip("xarray")
+    h5py = pytest.importorskip("h5py")
+    stores = {"dask": da.from_array(DATA, chunks=(8, 16, (10, 30))), "numpy": DATA}
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("images/volume", data=DATA, chunks=(8, 8, 8))
+        file["images/volume"].attrs["element_size_um"] = (3.0, 2.0, 1.0)
+    stores["hdf5"] = tmp_path / "a.h5"
+    np.save(tmp_path / "a.npy", DATA)
+    np.save(tmp_path / "f.npy", np.asfortranarray(DATA))
+    stores |= {"npy": tmp_path / "a.npy", "fortran": tmp_path / "f.npy"}
+    (tmp_path / "a.raw").write_bytes(b"head" + DATA.astype(">i2").tobytes())
+    coords = {"z": np.arange(40) * 2.0, "y": 5 - np.arange(40) * 1.0, "x": np.arange(40) * 0.5 + 1}
+    stores["xarray"] = xr.DataArray(DATA, coords, ("z", "y", "x")).transpose("x", "z", "y")
+    for name, given in stores.items():
+        volume = wvr.open(given)
+        volume = pickle.loads(pickle.dumps(volume))
+        np.testing.assert_array_equal(read_all(volume), DATA, err_msg=name)
+    volume = wvr.open(tmp_path / "a.raw", shape=DATA.shape, dtype=">i2", offset=4)
+    np.testing.assert_array_equal(read_all(volume), DATA)
+    assert volume.dtype == np.int16
+    assert wvr.open(tmp_path / "a.h5").spacing.tolist() == [1.0, 2.0, 3.0]
+    placed, loaded = wvr.open(stores["xarray"]), wvr.as_volume(stores["xarray"])
+    np.testing.assert_allclose(placed.index_to_world, loaded.index_to_world)
+
+
+def test_nifti_is_mapped_where_it_lies(tmp_path):
+    import nibabel
+
+    affine = np.array([[0, -1.5, 0, 3], [2, 0, 0, -4], [0, 0, 1, 7], [0, 0, 0, 1.0]])
+    image = nibabel.Nifti1Image(DATA.T.astype(np.int16), affine)
+    nibabel.save(image, tmp_path / "a.nii")
+    volume, read = wvr.open(tmp_path / "a.nii"), wvr.read(tmp_path / "a.nii")
+    np.testing.assert_allclose(volume.index_to_world, read.index_to_world)
+    np.testing.assert_array_equal(read_all(volume), read.numpy())
+    assert volume.anatomical == read.anatomical
+    image.header.set_slope_inter(0.5, 10)
+    nibabel.save(image, tmp_path / "b.nii")
+    np.testing.assert_allclose(read_all(wvr.open(tmp_path / "b.nii")), wvr.read(tmp_path / "b.nii").numpy(), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("store", "options", "named"),
+    [
+        ("nowhere.zarr", {}, "nowhere.zarr"),
+        (3, {}, "store"),
+        (np.zeros((4, 4)), {}, "axes"),
+        (np.zeros((4, 4, 4), complex), {}, "complex"),
+        (np.zeros((4, 4, 4)), {"level": 1}, "level"),
+        (np.zeros((4, 4, 4)), {"scalars": "a"}, "scalars"),
+        (np.zeros((4, 4, 4)), {"spacing": (1, 0, 1)}, "spacing"),
+        (np.zeros((4, 4, 4)), {"ranges": "nowhere.npz"}, "ranges"),
+    ],
+)
+def test_what_is_no_store_is_said(store, options, named):
+    with pytest.raises((ValueError, TypeError, OSError), match=named):
+        wvr.open(store, **options)
+
+
+def test_a_store_over_http(store):
+    """By fsspec, from this machine; there is no file of ranges beside it, but one of ours."""
+    pytest.importorskip("aiohttp")
+    from functools import partial
+    from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+    from threading import Thread
+
+    wvr.build_ranges(store, store.parent / "own.npz")
+    handler = partial(SimpleHTTPRequestHandler, directory=str(store.parent))
+    handler.func.log_message = lambda *_: None
+    server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        url = f"http://127.0.0.1:{server.server_port}/a.zarr"
+        volume = opened(url, ranges=store.parent / "own.npz")
+        assert_within(wvr.render(volume, TF, CAMERAS["inside"], SIZE, tolerance=TOLERANCE), CAMERAS["inside"])
+        shutil.rmtree(store)
+    finally:
+        server.shutdown()

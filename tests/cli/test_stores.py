@@ -1,0 +1,72 @@
+"""``wvr ranges``, and ``wvr render`` of a store."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import wvr
+from wvr.cli.stores import Streaming, clients
+
+zarr = pytest.importorskip("zarr")
+DATA = wvr.datasets.load("blobs", 12).numpy()
+
+
+@pytest.fixture
+def store(run, tmp_path):
+    array = zarr.create_array(tmp_path / "a.zarr", shape=(2, *DATA.shape), chunks=(1, 8, 8, 8), dtype="u1")
+    array[1] = DATA
+    return "a.zarr"
+
+
+def test_ranges_are_written_beside_a_store(run, store, tmp_path):
+    code, out, err = run("ranges", store, "--select", "c:1")
+    assert (code, err) == (0, "")
+    assert out == f"a.zarr.c1.ranges.npz: 1 blocks, samples from {DATA.min()} to {DATA.max()}\n"
+    assert wvr.open(tmp_path / store, c=1).ranges is not None
+
+
+def test_a_store_is_rendered_with_what_is_given(run, store, rendered):
+    run("ranges", store, "--select", "c:1")
+    options = "--memory-limit", "1GiB", "--budget", "200MB", "--missing", "bound", "--select", "c:1"
+    code, _, err = run("render", store, *options, "--tf", "0:black:0,255:white:0.5", "-o", "a.png")
+    assert (code, err) == (0, "")
+    assert rendered["volume"].stored and rendered["volume"].shape == DATA.shape
+    passed = {name: rendered[name] for name in ("memory_limit", "budget", "missing")}
+    assert passed == {"memory_limit": "1GiB", "budget": "200MB", "missing": "bound"}
+    assert Streaming(budget="2.5").options(None) == {"budget": 2.5}
+
+
+def test_a_store_becomes_an_image(run, store, tmp_path):
+    run("ranges", store, "--select", "c:1")
+    code, out, _ = run(
+        "render", store, "--select", "c:1", "--tf", "0:black:0,255:white:0.5", "--size", "8x8", "-o", "a.npy"
+    )
+    assert code == 0 and "errors up to" in out
+    whole = wvr.Volume(DATA)
+    expected = np.load(tmp_path / "a.npy")
+    assert expected[..., 3].max() > 0.5 and whole.shape == DATA.shape
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (("--select", "c"), "--select"),
+        (("--select", "c:7"), "c must be an index"),
+        (("--level", "1"), "level"),
+        (("--workers", "2", "--scheduler", "tcp://127.0.0.1:1"), "--workers or --scheduler"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(run, store, options, named):
+    code, out, err = run("render", store, *options)
+    assert (code, out) == (2, "") and named in err and err.count("\n") == 1
+
+
+def test_a_dataset_has_no_levels(run):
+    code, _, err = run("render", "blobs", "--level", "1")
+    assert code == 2 and "--level" in err
+
+
+def test_without_workers_there_is_no_client():
+    with clients(None, None) as client:
+        assert client is None

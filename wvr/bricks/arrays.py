@@ -1,0 +1,83 @@
+"""Arrays of any library as stored volumes: which axes are z, y, x, their chunks, and where they are in the world."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..sources import AXIS_OF
+from ..validation import near
+from .stored import Samples, StoredVolume
+
+
+def named(names: list[str], name: str | None, what: str) -> str:
+    """The one that is meant."""
+    listed = ", ".join(map(repr, names))
+    if not names:
+        raise ValueError(f"{what} holds no array of three axes or more")
+    if name is None and len(names) > 1:
+        raise ValueError(f"scalars must name one of the arrays of {what}: {listed}")
+    if name is not None and name.strip("/") not in names:
+        raise ValueError(f"scalars must be one of {listed} of {what}, got {name!r}{near(name, names)}")
+    return names[0] if name is None else name.strip("/")
+
+
+def _selected(names: list[str], sizes: tuple[int, ...], selection: dict, what: str) -> tuple[tuple, tuple]:
+    """Which axes are z, y, x, and the index along each other one."""
+    unknown = [name for name in selection if name not in names]
+    if unknown:
+        raise ValueError(f"{unknown[0]} is no axis of {what}, whose axes are {', '.join(names)}")
+    by_axis = {AXIS_OF.get(name.lower()): n for n, name in enumerate(names) if name not in selection}
+    spatial: list[Any] = [by_axis.get(axis) for axis in "zyx"]
+    if None in spatial:
+        # The last three that are left.
+        spatial = [n for n, name in enumerate(names) if name not in selection][-3:]
+    if len(spatial) != 3:
+        raise ValueError(f"{what} must have three axes besides those that are selected, has {', '.join(names)}")
+    fixed = []
+    for n, name in enumerate(names):
+        if n in spatial:
+            continue
+        at = selection.get(name)
+        if at is None:
+            if sizes[n] != 1:
+                raise ValueError(f"{what} has {sizes[n]} along {name}: select one, wvr.open(..., {name}=0)")
+            at = 0
+        if isinstance(at, bool) or not isinstance(at, int | np.integer) or not -sizes[n] <= at < sizes[n]:
+            raise ValueError(f"{name} must be an index from 0 to {sizes[n] - 1}, got {at!r}")
+        fixed.append((n, int(at) % sizes[n]))
+    return tuple(spatial), tuple(fixed)
+
+
+def of_array(
+    array: Any, name: str, chunks: Any, selection: dict, names: list[str] | None = None, **more: Any
+) -> StoredVolume:
+    """Of an array with chunks: their lengths along each axis, or all equal."""
+    dims = len(array.shape)
+    if dims < 3:
+        raise ValueError(f"{name} must have three axes (z, y, x) or more, got shape {tuple(array.shape)}")
+    if names is None:
+        names = ([f"axis{n}" for n in range(dims - 5)] + ["t", "c", "z", "y", "x"])[-dims:]
+    axes, fixed = _selected(names, tuple(array.shape), selection, name)
+    lengths = None
+    if chunks is not None:
+        lengths = tuple(_lengths(chunks[axis], int(array.shape[axis])) for axis in axes)
+    samples = Samples(array, name, axes, fixed, lengths, **more)
+    _ = samples.dtype
+    return StoredVolume(samples)
+
+
+def _lengths(chunk: Any, n: int) -> tuple[int, ...]:
+    if isinstance(chunk, tuple):
+        return tuple(int(length) for length in chunk)
+    return tuple(min(int(chunk), n - start) for start in range(0, n, int(chunk)))
+
+
+def placed(volume: StoredVolume, steps: ArrayLike, origin: ArrayLike) -> StoredVolume:
+    """At world steps along x, y, z, which may be negative, or columns of a matrix."""
+    given = np.asarray(steps, np.float64)
+    columns = np.diag(given) if given.ndim == 1 else given
+    spacing = np.linalg.norm(columns, axis=0)
+    return StoredVolume(volume.samples, spacing, origin, columns / spacing, volume.nan, volume.anatomical)

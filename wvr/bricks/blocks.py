@@ -1,0 +1,175 @@
+"""Bricks of a stored volume, put together of blocks that are read ahead of where they are rendered.
+
+A brick is its block and the last layers of those before it, as seen from the camera. Whoever goes from the camera
+outwards reads each block once: of those that were read the outermost layers stay for a few waves. Blocks of one value
+are not read at all.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import product
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .brick import Brick, Halo
+from .grid import Bricks, Index
+from .ranges import ALL, FIRST, LAST
+from .store import BESIDE
+from .stored import StoredVolume
+
+# Waves that layers of a block are kept for: those of bricks behind it across a corner.
+WAVES = 3
+# Bricks that are read ahead.
+AHEAD = 2
+
+
+class Blocks:
+    """Bricks of a stored volume, with what was read of it.
+
+    Parameters
+    ----------
+    volume
+        Where samples are read.
+    room
+        Bytes of samples and of what is made of them.
+    """
+
+    def __init__(self, volume: StoredVolume, bricks: Bricks, halo: Halo, first: Index, room: int):
+        self.volume, self.bricks, self.halo, self.first = volume, bricks, halo, first
+        self.read: set[Index] = set()
+        self.again = 0  # blocks that were read once more
+        self.bytes = 0  # of samples that were read
+        self.waited = 0.0  # seconds
+        self._full: OrderedDict[Index, NDArray] = OrderedDict()
+        self._layers: dict[Index, dict[tuple[int, int], NDArray]] = {}
+        self._coming: dict[Index, Future[Brick]] = {}
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="wvr-read")
+        longest = [int(np.diff(along).max()) + 1 + 2 * n for along, n in zip(bricks.edges, halo.samples, strict=True)]
+        largest = int(np.prod(longest) * (volume.dtype.itemsize + BESIDE))
+        # Each brick is there as blocks and put together, the one that is rendered besides what is made of it.
+        self.ahead = int(np.clip(room // largest - 2, 0, AHEAD))
+        # Without a halo each block is read once, and only its layers are looked at again.
+        self.room = max(room - (self.ahead + 1) * largest, 0) if any(halo.samples) else 0
+        if room < 2 * largest:
+            raise MemoryError(
+                f"memory_limit of {room / 2**20:.0f} MiB is too little for {volume.samples.name}: one brick with the "
+                f"blocks that it is made of takes {2 * largest / 2**20:.0f} MiB"
+            )
+
+    def come(self, index: Index) -> bool:
+        """Have a brick read ahead, if there is room for one more."""
+        if index not in self._coming and len(self._coming) < self.ahead:
+            self._coming[index] = self._pool.submit(self._brick, index)
+        return len(self._coming) < self.ahead
+
+    def drop(self, wanted: set[Index]) -> None:
+        """Forget what was read ahead and is no longer wanted."""
+        for index in [index for index in self._coming if index not in wanted]:
+            self._coming.pop(index).cancel()
+
+    def __getitem__(self, index: Index) -> Brick:
+        """A brick.
+
+        Raises
+        ------
+        OSError
+            Where a block cannot be read.
+        """
+        start = perf_counter()
+        future = self._coming.pop(index, None) or self._pool.submit(self._brick, index)
+        try:
+            return future.result()
+        finally:
+            self.waited += perf_counter() - start
+
+    def close(self) -> None:
+        """Read nothing more."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _brick(self, index: Index) -> Brick:
+        """In the one thread that reads."""
+        low, high = self.halo.box(self.bricks, index)
+        samples = np.empty(tuple((high - low + 1)[::-1]), self.volume.dtype)
+        spans = [
+            range(int(np.searchsorted(along, a, "right")) - 1, int(np.searchsorted(along, b, "right")))
+            for along, a, b in zip(self.volume.starts, low, high, strict=True)
+        ]
+        # Its own first, the largest part.
+        found: list[Any] = sorted(product(*spans), key=lambda block: block != index)
+        for block in found:
+            begin, end = self.volume.block(block)
+            begin, end = np.maximum(begin, low), np.minimum(end, high)
+            part = tuple(slice(a, b + 1) for a, b in zip((begin - low)[::-1], (end - low)[::-1], strict=True))
+            samples[part] = self._part(block, begin, end)
+        self._trim(index)
+        return Brick(samples, low, self.volume)
+
+    def _part(self, block: Index, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Any:
+        """Samples of a block from ``begin`` to ``end``; one number where all are equal."""
+        low, high = self.volume.block(block)
+        if block not in self._full:
+            # Layers of one sample, by axis and side.
+            thin = [
+                (axis, side)
+                for axis in range(3)
+                for side, at in ((FIRST, low[axis]), (LAST, high[axis]))
+                if begin[axis] == end[axis] == at
+            ]
+            if self.volume.ranges is not None:
+                sides = [ALL, ALL, ALL]
+                for axis, side in thin:
+                    sides[axis] = side
+                limits = self.volume.ranges.layer(block, tuple(sides))  # type: ignore[arg-type]
+                if limits is not None and limits[0] == limits[1]:
+                    return np.ldexp(np.float64(limits[0]), self.volume.exponent) if self.volume.exponent else limits[0]
+            for axis, side in thin:
+                layer = self._layers.get(block, {}).get((axis, side))
+                if layer is not None:
+                    start = low.copy()
+                    start[axis] = begin[axis]
+                    return layer[_slices(begin - start, end - start)]
+            self._read(block, low, high)
+        self._full.move_to_end(block)
+        return self._full[block][_slices(begin - low, end - low)]
+
+    def _read(self, block: Index, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
+        samples = self.volume.region(low, high)
+        self.again += block in self.read
+        self.read.add(block)
+        self.bytes += samples.nbytes
+        # One that is read for its layers alone, too, has to find room.
+        self._make_room(samples.nbytes)
+        self._full[block] = samples
+        layers = self._layers[block] = {}
+        if any(self.halo.samples):
+            return
+        for axis in range(3):
+            # On the sides away from the camera.
+            if block[axis] <= self.first[axis]:
+                layers[axis, FIRST] = np.take(samples, [0], axis=2 - axis)
+            if block[axis] >= self.first[axis]:
+                layers[axis, LAST] = np.take(samples, [-1], axis=2 - axis)
+
+    def _trim(self, index: Index) -> None:
+        """Let go of blocks that there is no room for, and of layers that no brick to come needs."""
+        self._make_room(0)
+        wave = self._distance(index)
+        for block in [block for block in self._layers if self._distance(block) < wave - WAVES]:
+            del self._layers[block]
+
+    def _make_room(self, more: int) -> None:
+        taken = more + sum(samples.nbytes for samples in self._full.values())
+        while self._full and taken > self.room:
+            taken -= self._full.popitem(last=False)[1].nbytes
+
+    def _distance(self, index: Index) -> int:
+        return sum(abs(i - j) for i, j in zip(index, self.first, strict=True))
+
+
+def _slices(begin: NDArray[np.int64], end: NDArray[np.int64]) -> tuple[slice, ...]:
+    return tuple(slice(a, b + 1) for a, b in zip(begin[::-1].tolist(), end[::-1].tolist(), strict=True))

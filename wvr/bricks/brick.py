@@ -1,0 +1,208 @@
+"""A brick as a volume, and the image of it that those of others are composed with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import ceil, log2
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..camera import Camera
+from ..cuts.labels import Segmentation
+from ..field.base import Field
+from ..frame import Frame, view
+from ..keep import Keeper
+from ..kernels.bricks.brick import Brick as BrickStruct
+from ..kernels.precision import REALS
+from ..kernels.raycast import make_raycast
+from ..launch import launch_pixels
+from ..scene import Scene
+from ..volume import Volume
+from .grid import Bricks, Index, Rect, footprint
+from .partial import Partial
+
+
+class Brick(Volume):
+    """The samples of a part of a field, and its rays.
+
+    Parameters
+    ----------
+    samples
+        (nz, ny, nx), with a halo where something looks beyond what is the brick's own.
+    first
+        Which of the field's samples the first is, along x, y, z.
+    entire
+        The field.
+    """
+
+    def __init__(self, samples: NDArray, first: NDArray[np.int64], entire: Field):
+        self._entire = entire
+        self.first = first
+        super().__init__(samples, nan=getattr(entire, "nan", "error"))
+
+    @property
+    def entire(self) -> Field:
+        return self._entire
+
+    @cached_property
+    def index_to_world(self) -> NDArray[np.float64]:
+        matrix = self.entire.index_to_world.copy()
+        matrix[:3, 3] += matrix[:3, :3] @ self.first
+        return matrix
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """That of the field: what is made of it is of all its bricks."""
+        return self.entire.range
+
+    @property
+    def longest(self) -> float:
+        return self.entire.longest
+
+    @property
+    def half(self) -> Any:
+        return self.entire.half
+
+    def look(self) -> None:
+        """Samples of bricks are nobody else's."""
+
+
+@dataclass(frozen=True)
+class Halo:
+    """How many samples beyond its own a brick needs along x, y, z."""
+
+    samples: tuple[int, int, int]
+
+    @classmethod
+    def of(cls, scene: Scene) -> Halo:
+        """Gradients look at one more, and segments of one length reach out by half."""
+        volume, step = scene.volume, scene.integrator.shortest
+        reach = 0.0 if step is None else step / 2 * scene.unit
+        along = np.linalg.norm(np.linalg.inv(volume.index_to_world[:3, :3]), axis=1)  # index lengths of a world length
+        lit = scene.lighting is not None
+        return cls(tuple(int(lit) + ceil(reach * n * (1 + 1e-9)) for n in along))
+
+    def box(self, bricks: Bricks, index: Index) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """First and last sample of a brick with its halo."""
+        low, high = bricks.box(index)
+        most = np.array([along[-1] for along in bricks.edges])
+        return np.maximum(low - self.samples, 0), np.minimum(high + self.samples, most)
+
+
+class Caster:
+    """Renders bricks of a scene for one camera, each in the pixels that see it."""
+
+    def __init__(self, scene: Scene, camera: Camera, size: tuple[int, int], bricks: Bricks, keep: Keeper):
+        self.given = scene
+        self.scene = scene.normal
+        self.camera, self.size, self.bricks, self.keep = camera, size, bricks, keep
+        self.halo = Halo.of(scene)
+        self.basis = camera.basis()
+        self._like: Scene | None = None
+        field = self.scene.volume
+        self.view = view(field, camera, *size)
+        # Rays that rounding puts on another side of a face than the camera are put into it: no order is ever wrong.
+        self.grain = 2.0 ** ceil(log2(4 * self.view.astray))
+        if self.grain > 0.125:
+            raise ValueError(
+                f"camera must be nearer: rounding puts rays off by {self.view.astray:.2g} voxels, and bricks are not "
+                f"rendered then"
+            )
+        self.view.grain = self.grain
+        self.view.astray += self.grain / 2 + _offset_rounding(field)
+        integrator = self.scene.integrator
+        self.precision = integrator.precision(self.scene)
+        self.bounded = bool(getattr(integrator.half(self.scene), "bounded", False))
+
+    def footprint(self, index: Index) -> Rect | None:
+        """The pixels that may see a brick."""
+        low, high = self.bricks.box(index)
+        thin = np.array(self.scene.volume.shape[::-1]) == 1
+        box = low - 0.5 * thin, high + 0.5 * thin
+        return footprint(self.scene.volume, box, self.camera, self.basis, self.size)
+
+    @property
+    def ending(self) -> float:
+        """Transparency at which a ray ends; half of what there is, where what is behind an end counts in bounds, once
+        for the rest of the brick and once for the bricks behind.
+        """
+        scene = self.scene
+        ending = scene.integrator.termination(scene) if scene.termination is None else scene.termination
+        return ending / 2 if self.bounded else ending
+
+    def nothing(self) -> Partial:
+        """An image of nothing, of all pixels."""
+        width, height = self.size
+        return Partial.nothing((slice(0, height), slice(0, width)), self.bounded)
+
+    def ended(self, image: Partial, rect: Rect) -> bool:
+        """Whether all rays of some pixels ended, so that nothing behind is asked for."""
+        return bool((image.through[rect] < self.ending).all())
+
+    def end(self, image: Partial, rect: Rect) -> None:
+        """Have the bound of some pixels hold for whatever is behind, which is between 0 and the brightest."""
+        if image.bound is not None:
+            image.bound[rect] += image.through[rect] * self.scene.brightest
+            image.through[rect] = 0.0
+
+    def part_of(self, brick: Brick) -> Scene:
+        """The scene of a brick."""
+        labels = self.scene.segmentation
+        if labels is not None:
+            at = tuple(slice(a, a + n) for a, n in zip(brick.first[::-1], brick.shape, strict=True))
+            labels = Segmentation(labels.labels.host()[at].copy(), labels.transfer_functions, labels.other)
+        part = replace(self.scene, volume=brick, segmentation=labels, like=self._like)
+        self._like = self._like or part
+        return part
+
+    def cast(self, index: Index, brick: Brick, rect: Rect, front: NDArray[np.floating] | None = None) -> Partial:
+        """The image of a brick in the pixels of its ``footprint``.
+
+        Parameters
+        ----------
+        front
+            (height, width) transparency in front of it, where that is known: rays that are opaque are not looked at.
+        """
+        rows, columns = rect
+        height, width = rows.stop - rows.start, columns.stop - columns.start
+        device = self.keep.device
+        scene = self.part_of(brick)
+        frame = Frame(scene, self.camera, (width, height), self.keep)
+        integrator = scene.integrator
+        halves = replace(frame.halves(REALS[self.precision], integrator.half(scene)), brick=True)
+        struct, seen = frame.struct(halves, rays=self.view)
+        struct.opaque = 1.0 - self.ending
+        if seen.skipped == 1.0 and integrator.anywhere:
+            return Partial.nothing(rect, self.bounded)
+        struct.view.width, struct.view.height = width, height
+        offset = brick.first.astype(np.float64)
+        seen_box = (seen.low + offset, seen.high + offset) if integrator.anywhere else self.scene.volume.index_box
+        struct.view.seen_low, struct.view.seen_high = (wp.vec3d(*corner) for corner in seen_box)
+        own = BrickStruct()
+        own.low, own.high = (wp.vec3d(*corner) for corner in self.bricks.own(index))
+        own.offset = wp.vec3d(*offset)
+        own.row, own.column = rows.start, columns.start
+        own.longest = scene.volume.longest
+        for name, value in integrator.spent(scene, self.keep).items():
+            setattr(own, name, value)
+        if front is not None:
+            own.front = wp.array(np.ascontiguousarray(front[rect]), dtype=wp.float64, device=device)
+        struct.brick = own
+        rgba = wp.empty((height, width), dtype=wp.vec4d, device=device)
+        samples = wp.empty((height, width), dtype=int, device=device)
+        bounds = wp.zeros((height, width) if self.bounded else (1, 1), dtype=wp.float32, device=device)
+        inputs = [struct, rgba, samples, bounds, 0]
+        launch_pixels(make_raycast(halves), inputs, device, struct.view, halves.rays, halves.scratch)
+        wp.synchronize_device(device)
+        return Partial.of(rect, rgba.numpy(), samples.numpy(), bounds.numpy() if self.bounded else None)
+
+
+def _offset_rounding(field: Any) -> float:
+    """How far apart the places are in the world that a sample has as one of a brick's and of the field's, in voxels."""
+    matrix, origin = field.index_to_world[:3, :3], np.abs(field.index_to_world[:3, 3])
+    sizes = origin + np.abs(matrix) @ np.array(field.shape[::-1])
+    return 2.0**-50 * float((np.abs(np.linalg.inv(matrix)) @ sizes).max())

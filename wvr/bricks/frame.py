@@ -1,0 +1,149 @@
+"""One image of a volume in bricks, from the camera outwards."""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera import Camera
+from ..display import Shown
+from ..image import BoundedImage, Image
+from ..keep import Keeper
+from ..scene import Scene
+from .brick import Caster, Halo
+from .grid import Bricks, in_order
+from .partial import Partial
+from .reading import Reading
+from .store import BESIDE, BrickStore
+from .streamed import Streamed
+
+# Cells of bricks along an axis, of volumes that have no chunks of their own, where there is room for such.
+CELLS = (128, 64, 32, 16)
+# Rounding of a composition, in parts of the brightest colour.
+COMPOSED = 2.0**-50
+
+
+def check(scene: Scene, reading: Reading) -> None:
+    """Say so where a scene is not the composition of its parts.
+
+    Raises
+    ------
+    ValueError
+        For an integrator whose rays are not split, shadows, labels with segments of one length, and where something is
+        not to be read and there is no bound to say so.
+    """
+    integrator = scene.integrator
+    if not integrator.splits:
+        raise ValueError(
+            f"integrator must be one whose rays are composed of those of bricks, Certified, Exact, Riemann, Simpson or "
+            f"Preintegrated, for a volume in bricks (memory_limit, client, wvr.open), got {integrator!r}"
+        )
+    limited = reading.seconds is not None or reading.bytes is not None
+    for name, given, value in (("budget", limited, "one"), ("missing", reading.missing == "bound", '"bound"')):
+        if given and not getattr(integrator.half(scene), "bounded", False):
+            raise ValueError(f"{name} = {value} needs an integrator with a bound, Certified, got {integrator!r}")
+        if given and not scene.volume.stored:
+            raise ValueError(f"{name} is for volumes of wvr.open, got one in memory")
+    if reading.client is not None and (limited or not scene.volume.stored):
+        what = "a budget" if limited else "a volume in memory: wvr.open takes arrays, too"
+        raise ValueError(f"client is for volumes of wvr.open, without a budget, got {what}")
+    if scene.shadows is not None:
+        raise ValueError(
+            "shadows are not there for a volume in bricks (memory_limit, client, wvr.open): leave them out"
+        )
+    if scene.segmentation is not None and integrator.shortest is not None:
+        raise ValueError(
+            f"segmentation needs Certified or Exact for a volume in bricks, got {integrator!r}: its segments count "
+            f"from boundaries of labels, which may be in other bricks"
+        )
+
+
+class BrickedFrame:
+    """A scene seen by a camera in so many pixels, brick by brick.
+
+    Attributes
+    ----------
+    error_bound
+        Of the image, once it is there; None where the integrator gives none.
+    partly
+        Whether something was left out that would be seen: for want of time, or as it could not be read.
+    """
+
+    def __init__(self, scene: Scene, camera: Camera, size: tuple[int, int], keep: Keeper, reading: Reading):
+        check(scene, reading)
+        self.given = scene
+        self.scene = scene.normal
+        self.camera, self.size, self.keep, self.reading = camera, size, keep, reading
+        self.error_bound: NDArray[np.float32] | None = None
+        self.partly = False
+
+    def render(self, store: BrickStore | None = None) -> tuple[Image, BrickStore | None]:
+        """The image, and its bricks for the next one; those of the last one are taken where they are the same."""
+        return (self._stored(), None) if self.scene.volume.stored else self._at_hand(store)
+
+    def bricks(self) -> Bricks:
+        """How a volume in memory is cut."""
+        field: Any = self.scene.volume
+        room = float("inf") if self.reading.memory is None else self.reading.memory
+        for cells in CELLS:
+            if 2 * (cells + 3) ** 3 * (field.dtype.itemsize + BESIDE) <= room or cells == CELLS[-1]:
+                break
+        return Bricks.regular(field.dimensions, (cells,) * 3)
+
+    def _at_hand(self, store: BrickStore | None) -> tuple[Image, BrickStore]:
+        start = perf_counter()
+        bricks, halo = self.bricks(), Halo.of(self.scene)
+        if store is None or not store.serves(self.scene.volume, bricks, halo, self.reading.memory):
+            store = BrickStore(self.scene.volume, bricks, halo, self.reading.memory)
+        caster = Caster(self.scene, self.camera, self.size, bricks, self.keep)
+        image = caster.nothing()
+        cast = 0
+        for index in in_order(bricks, self.scene.volume, self.camera):
+            rect = caster.footprint(index)
+            if rect is None:
+                continue
+            if caster.ended(image, rect):
+                caster.end(image, rect)
+                continue
+            image.over(caster.cast(index, store[index], rect, image.through))
+            cast += 1
+            if not store.keeps_all:
+                self.keep.end_of_frame()
+        stats = {"seconds": perf_counter() - start, "bricks": len(list(bricks)), "bricks_rendered": cast}
+        return self.finish(image, bricks, stats), store
+
+    def _stored(self) -> Image:
+        march = Streamed(self.scene, self.camera, self.size, self.keep, self.reading)
+        image, stats = march.render()
+        self.partly = bool(march.rest or stats["bricks_missing"])
+        return self.finish(image, march.bricks, stats)
+
+    def finish(self, partial: Partial, bricks: Bricks, stats: dict[str, Any]) -> Image:
+        """The image that all parts come to, rounded once."""
+        scene, integrator = self.scene, self.scene.integrator
+        shown = integrator.shown(scene)
+        rgba = np.concatenate([partial.color, (1.0 - partial.through)[..., None]], axis=-1).astype(shown)
+        if partial.bound is not None:
+            rounding = float(np.finfo(shown).eps) / 2 + COMPOSED * sum(bricks.counts)
+            bound = (partial.bound + scene.brightest * rounding) * (1 + 2.0**-50)
+            self.error_bound = np.nextafter(bound.astype(np.float32), np.float32(np.inf))
+        width, height = self.size
+        stats |= {
+            "bytes": scene.volume.nbytes,
+            "integrator": repr(integrator),
+            "rays": width * height,
+            "samples": int(partial.samples.sum(dtype=np.int64)),
+            "device": self.keep.device.name,
+            "precision": shown,
+        }
+        stats |= integrator.report(self)  # type: ignore[arg-type]
+        if scene.volume.stored and "bound_covers" in stats:
+            stats["bound_covers"] += ", and what was not read"
+        field = self.given.volume
+        anatomical = getattr(field, "anatomical", "")
+        shown_as = Shown(self.camera, field.corners, field.range, self.given.transfer_function, anatomical)
+        kind = Image if self.error_bound is None else BoundedImage
+        return kind(rgba, partial.samples, self.error_bound, stats, self.given.background, None, shown_as)

@@ -1,0 +1,141 @@
+"""How a grid is cut into bricks, which of them are in front of which, and which pixels see one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera import Camera
+from ..field.base import Field
+
+Index = tuple[int, int, int]
+Rect = tuple[slice, slice]
+# Beyond any grid, as ``kernels.ray.FAR``.
+FAR = 1.0e300
+
+
+@dataclass(frozen=True)
+class Bricks:
+    """Bricks of the box of a field, along x, y, z: from the samples ``edges[axis][i]`` to ``edges[axis][i + 1]``.
+
+    Bricks share the layer of samples between them, so that each cell is of one brick. Any split is the whole, since a
+    ray is the composition of its parts.
+    """
+
+    edges: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def regular(cls, dimensions: NDArray[np.int64], size: Index) -> Bricks:
+        """Bricks of so many cells along x, y, z, the last ones of as many as are left."""
+        return cls(
+            tuple((*range(0, max(n - 1, 1), step), n - 1) for n, step in zip(dimensions.tolist(), size, strict=True))
+        )
+
+    @classmethod
+    def of_chunks(cls, starts: tuple[tuple[int, ...], ...], towards: Index) -> Bricks:
+        """A brick for each chunk of samples, with the layer of its neighbours in front that it needs.
+
+        Parameters
+        ----------
+        starts
+            The first sample of each chunk along x, y, z, and one past the last.
+        towards
+            The chunk that the camera is in, or nearest to: cells between two chunks are of the one farther from it.
+            Whoever goes from there outwards needs each chunk once, and of those before their last layers.
+        """
+        edges = []
+        for along, at in zip(starts, towards, strict=True):
+            inner = [start - 1 if k > at else start for k, start in enumerate(along[1:-1], 1)]
+            edges.append((0, *inner, along[-1] - 1))
+        return cls(tuple(edges))
+
+    @property
+    def counts(self) -> Index:
+        """Bricks along x, y, z."""
+        return tuple(len(along) - 1 for along in self.edges)  # type: ignore[return-value]
+
+    def __iter__(self) -> Iterator[Index]:
+        return product(*map(range, self.counts))  # type: ignore[return-value]
+
+    def box(self, index: Index) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """First and last sample along x, y, z that are a brick's own."""
+        pairs = [along[i : i + 2] for along, i in zip(self.edges, index, strict=True)]
+        return np.array([a for a, _ in pairs]), np.array([b for _, b in pairs])
+
+    def own(self, index: Index) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The same, far beyond the box where the brick is at its end: what of a ray is in the box is the ray's."""
+        low, high = (corner.astype(np.float64) for corner in self.box(index))
+        at = np.array(index)
+        return np.where(at == 0, -FAR, low), np.where(at == np.array(self.counts) - 1, FAR, high)
+
+    def near(self, place: NDArray[np.float64]) -> Index:
+        """The brick that a place is in, or nearest to."""
+        found = [int(np.searchsorted(along[1:-1], p, "right")) for along, p in zip(self.edges, place, strict=True)]
+        return tuple(found)  # type: ignore[return-value]
+
+    def first(self, field: Field, camera: Camera) -> Index:
+        """The brick that all rays go away from."""
+        to_index = np.linalg.inv(field.index_to_world[:3, :3])
+        if not camera.parallel:
+            return self.near(to_index @ (camera.position - field.index_to_world[:3, 3]))
+        forward = to_index @ camera.basis()[2]
+        return tuple(0 if d >= 0 else n - 1 for d, n in zip(forward, self.counts, strict=True))  # type: ignore[return-value]
+
+    def waves(self, first: Index) -> list[list[Index]]:
+        """All bricks by their distance from the first one, along the axes: a ray goes from brick to brick away from it,
+        so that no two of a wave are on one ray, and those of a wave before are in front.
+        """
+        waves: list[list[Index]] = [[] for _ in range(sum(self.counts))]
+        for index in self:
+            waves[sum(abs(i - j) for i, j in zip(index, first, strict=True))].append(index)
+        return [wave for wave in waves if wave]
+
+
+def in_order(bricks: Bricks, field: Field, camera: Camera) -> list[Index]:
+    """All bricks that have cells, from the camera outwards."""
+    cells = [np.diff(along) > 0 if len(along) > 2 else [True] for along in bricks.edges]
+    waves = bricks.waves(bricks.first(field, camera))
+    return [index for wave in waves for index in wave if all(own[i] for own, i in zip(cells, index, strict=True))]
+
+
+def footprint(
+    field: Field, box: tuple[NDArray, NDArray], camera: Camera, basis: tuple, size: tuple[int, int]
+) -> Rect | None:
+    """Rows and columns of the pixels that may see a box in index coordinates; None where there are none. ``basis`` is
+    the camera's.
+
+    A pixel more on each side, and the whole image where the box reaches to the camera's plane, or where pixels are so
+    small that rounding counts.
+    """
+    width, height = size
+    low, high = box
+    corners = (
+        np.array(list(product(*zip(low, high, strict=True)))) @ field.index_to_world[:3, :3].T
+        + field.index_to_world[:3, 3]
+    )
+    right, up, forward = basis
+    offset = corners - camera.position
+    depth = offset @ forward
+    reach = float(np.abs(offset).max())
+    half = camera.half_height
+    if not camera.parallel:
+        if (depth < -1e-9 * reach).all():
+            return None
+        if (depth <= 1e-6 * reach).any():
+            return slice(0, height), slice(0, width)
+        half = half * depth
+    x, y = ((offset @ axis) / half * height / 2 for axis in (right, -up))
+    if np.abs([x, y]).max() > 1e9:
+        return slice(0, height), slice(0, width)
+    columns = _span(x + (width - 1) / 2, width)
+    rows = _span(y + (height - 1) / 2, height)
+    return None if columns is None or rows is None else (rows, columns)
+
+
+def _span(at: NDArray[np.float64], count: int) -> slice | None:
+    first, end = max(int(np.floor(at.min())) - 1, 0), min(int(np.ceil(at.max())) + 2, count)
+    return slice(first, end) if end > first else None

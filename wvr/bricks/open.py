@@ -1,0 +1,338 @@
+"""Stores of all kinds as volumes that are read as they are seen: ``wvr.open``, and ``wvr.build_ranges``."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..io.bytes import needs
+from ..samples import NanPolicy
+from ..sources import step_of
+from .arrays import named, of_array, placed
+from .mapped import Hdf5, hdf5, hdf5_name, mapped, nifti
+from .ranges import attach, build, sidecar
+from .stored import StoredVolume
+
+Place = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+HDF5 = (".h5", ".hdf5", ".hdf", ".nc", ".nc4")
+
+
+def open(
+    store: Any,
+    level: int | None = None,
+    *,
+    scalars: str | None = None,
+    spacing: ArrayLike | None = None,
+    origin: ArrayLike | None = None,
+    shape: tuple[int, int, int] | None = None,
+    dtype: Any = None,
+    offset: int = 0,
+    nan: NanPolicy = "error",
+    ranges: str | os.PathLike[str] | None = None,
+    **selection: int | str,
+) -> StoredVolume:
+    """A volume whose samples stay where they are, and are read as they are seen.
+
+    Parameters
+    ----------
+    store
+        - a zarr array (version 2 or 3) or an OME-Zarr pyramid: a path, a URL that fsspec opens, a ``zarr.Array`` or
+          ``zarr.Group``;
+        - a ``dask.array``, or any array with chunks that is sliced as NumPy's are;
+        - an xarray ``DataArray`` or ``Dataset``: dimensions by name, coordinates that are equally spaced;
+        - an HDF5 file, or an ``h5py.Dataset``;
+        - a .npy, .nii or (with ``shape`` and ``dtype``) raw file, mapped into memory; a ``numpy.memmap``.
+    level
+        Of a pyramid: 0, the default, is the finest one.
+    scalars
+        Array of a group, variable of a dataset, or data set of a file, with several.
+    spacing, origin
+        As of :class:`wvr.Volume`; by default those that the store says.
+    shape, dtype, offset
+        Samples along z, y, x of a raw file, their type and the bytes before them.
+    nan
+        ``"error"``, for NaN or infinite samples where they are read, or ``"transparent"``.
+    ranges
+        File of :func:`wvr.build_ranges`; by default the one beside the store, if it is there.
+    **selection
+        Index along each axis that is not x, y or z, by its name (``t=3``, ``c=0``); of xarray also a label, as text;
+        axes of one index need none.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be opened.
+    ValueError
+        For a level, name or axis that is not there, and for axes of several indices that are not selected.
+    TypeError
+        For anything else, and for samples that are no numbers.
+    ImportError
+        Where a package is missing: ``pip install 'wvr[distributed]'`` has all.
+
+    Examples
+    --------
+    >>> import numpy as np, wvr
+    >>> volume = wvr.open(np.zeros((300, 200, 100), np.uint8), spacing=(1, 1, 2))
+    >>> volume.shape, volume.blocks_along
+    ((300, 200, 100), (1, 2, 3))
+    """
+    raw = (shape, dtype, offset)
+    if isinstance(store, str | os.PathLike):
+        volume, beside = _path(str(store), level, scalars, selection, raw)
+    else:
+        if shape is not None or dtype is not None:
+            raise ValueError("shape and dtype are for raw files, an array says so itself")
+        volume, beside = _object(store, level, scalars, selection)
+    result = StoredVolume(
+        volume.samples,
+        volume.spacing if spacing is None else spacing,
+        volume.origin if origin is None else origin,
+        volume.direction,
+        nan,
+        volume.anatomical,
+    )
+    result.coarse, result.place = volume.coarse, beside
+    found = beside if ranges is None else Path(ranges)
+    if ranges is not None and not Path(ranges).exists():
+        raise FileNotFoundError(f"ranges must be a file of wvr.build_ranges, {str(ranges)!r} is not there")
+    if found is not None and found.exists():
+        attach(result, found)
+    return result
+
+
+def build_ranges(
+    store: Any,
+    output: str | os.PathLike[str] | None = None,
+    *,
+    client: Any = None,
+    report: Callable[[int, int], None] | None = None,
+    **options: Any,
+) -> StoredVolume:
+    """Find out the smallest and largest sample of each block of a store, once: what has nothing to see is then never
+    read, and what was not read is in the bound of an image.
+
+    All is read, a few blocks at a time. What is done is saved every ten seconds and at the end; called again, it goes
+    on from there, and does anew what changed since (by sizes and times of files, where a store has such).
+
+    Parameters
+    ----------
+    store
+        As of :func:`wvr.open`, or a volume that it returned.
+    output
+        The file; by default beside the store, where :func:`wvr.open` finds it. Of what has no place, such as arrays,
+        they are kept with the volume alone.
+    client
+        A ``distributed.Client`` whose workers read.
+    report
+        Called with how many blocks are done, and how many there are.
+    **options
+        Of :func:`wvr.open`.
+
+    Returns
+    -------
+    StoredVolume
+        The volume with its ranges.
+
+    Raises
+    ------
+    OSError
+        Where a block cannot be read, or the file not be written.
+    """
+    volume = store if isinstance(store, StoredVolume) else open(store, **options)
+    path = volume.place if output is None else Path(output)
+    volume.ranges = build(volume, path, client, report)
+    vars(volume).pop("range", None)
+    return volume
+
+
+Opened = tuple[StoredVolume, Path | None]
+
+
+def _path(name: str, level: int | None, scalars: str | None, selection: dict, raw: tuple) -> Opened:
+    url = "://" in name
+    path = Path(name)
+    suffix = path.suffix.lower()
+    if not url and not path.exists():
+        raise FileNotFoundError(f"{name!r} is not there")
+    if not url and path.is_file():
+        if suffix in HDF5:
+            volume = hdf5(Hdf5(name, hdf5_name(name, scalars)), selection)
+            return volume, sidecar(name, volume.samples.array.name, selection)
+        if raw[0] is not None or raw[1] is not None or suffix == ".npy":
+            return mapped(name, raw, selection), sidecar(name, selection=selection)
+        if suffix == ".nii":
+            return nifti(path, selection), sidecar(name, selection=selection)
+        raise ValueError(
+            f"store must be zarr, HDF5, .npy, .nii, or a raw file with shape and dtype, got {name!r}: wvr.read reads "
+            f"other files, .nii.gz among them, as a whole"
+        )
+    zarr = _zarr()
+    try:
+        node = zarr.open(name, mode="r")
+    except Exception as error:
+        raise OSError(f"{name!r} is no zarr store ({type(error).__name__}: {error})") from error
+    return _node(node, level, scalars, selection, None if url else path)
+
+
+def _object(store: Any, level: int | None, scalars: str | None, selection: dict) -> Opened:
+    module = type(store).__module__.partition(".")[0]
+    if isinstance(store, StoredVolume):
+        raise TypeError("store is a volume of wvr.open already")
+    if module == "zarr":
+        root = getattr(store.store, "root", None)
+        return _node(store, level, scalars, selection, None if root is None else Path(root) / store.path)
+    if level is not None:
+        raise ValueError(f"level is for pyramids (OME-Zarr), got {level!r} for a {type(store).__name__}")
+    if module == "xarray":
+        return _xarray(store, scalars, selection), None
+    if scalars is not None:
+        raise ValueError(f"scalars is for stores with several arrays, got {scalars!r} for a {type(store).__name__}")
+    if module == "h5py":
+        return hdf5(Hdf5(store.file.filename, store.name), selection), sidecar(
+            store.file.filename, store.name, selection
+        )
+    if not all(hasattr(store, name) for name in ("shape", "dtype", "__getitem__")):
+        raise TypeError(
+            f"store must be a path, a zarr array or group, a dask array, an xarray object, an h5py data set or an "
+            f"array, got {type(store).__name__}"
+        )
+    chunks = store.chunks if module == "dask" else None
+    return of_array(store, type(store).__name__, chunks, selection), None
+
+
+def _zarr() -> Any:
+    with needs("zarr", "zarr", "distributed"):
+        import zarr
+    return zarr
+
+
+# Zarr.
+
+
+def _node(node: Any, level: int | None, scalars: str | None, selection: dict, path: Path | None) -> Opened:
+    if hasattr(node, "shape"):
+        if level is not None:
+            raise ValueError(f"level is for pyramids (OME-Zarr), got {level!r} for an array")
+        volume = _zarr_array(node, str(path or node.name), selection, getattr(node.metadata, "dimension_names", None))
+        return volume, None if path is None else sidecar(path, selection=selection)
+    attributes = node.attrs.asdict()
+    pyramids = attributes.get("ome", attributes).get("multiscales")
+    if pyramids and scalars is None:
+        return _pyramid(node, pyramids[0], level, selection, path)
+    names = [name for name, array in node.arrays() if array.ndim >= 3]
+    chosen = named(names, scalars, str(path or node.name))
+    volume, _ = _node(node[chosen], level, None, selection, path)
+    return volume, None if path is None else sidecar(path, chosen, selection)
+
+
+def _zarr_array(array: Any, name: str, selection: dict, names: Any = None) -> StoredVolume:
+    known = None if names is None or None in names else [str(one) for one in names]
+    volume = of_array(array, name, array.chunks, selection, known)
+    root = getattr(array.store, "root", None)
+    if root is None:
+        return volume
+    samples = volume.samples
+    marks = _ZarrMarks(Path(root) / array.path, array.metadata, samples.axes, samples.fixed, array.chunks, array.shards)
+    return volume.at(marks=marks)
+
+
+class _ZarrMarks:
+    """What tells whether chunks of a folder changed: sizes and times of their files."""
+
+    def __init__(self, folder: Path, metadata: Any, axes: tuple, fixed: tuple, chunks: tuple, shards: Any):
+        self.folder, self.metadata, self.axes, self.fixed, self.chunks = folder, metadata, axes, fixed, chunks
+        self.files = shards or chunks  # samples along each axis of a file
+
+    def __call__(self) -> Callable[[tuple[range, range, range]], str]:
+        """By first and last chunk along z, y, x, of the files that there are now."""
+        from hashlib import blake2b
+        from itertools import product
+
+        found: dict[str, str] = {}
+        for folder, _, files in os.walk(self.folder):
+            for name in files:
+                path = os.path.join(folder, name)
+                with suppress(OSError):
+                    status = os.stat(path)
+                    key = os.path.relpath(path, self.folder).replace(os.sep, "/")
+                    found[key] = f"{status.st_size:x} {status.st_mtime_ns:x}"
+
+        def mark(spans: tuple[range, range, range]) -> str:
+            along: list[Any] = [[0]] * len(self.chunks)
+            for axis, at in self.fixed:
+                along[axis] = [at // self.files[axis]]
+            for axis, span in zip(self.axes, spans, strict=True):
+                along[axis] = sorted({n * self.chunks[axis] // self.files[axis] for n in span})
+            texts = [found.get(self.metadata.encode_chunk_key(place), "") for place in product(*along)]
+            return blake2b(";".join(texts).encode(), digest_size=6).hexdigest() if any(texts) else "none"
+
+        return mark
+
+
+def _pyramid(node: Any, pyramid: dict, level: int | None, selection: dict, path: Path | None) -> Opened:
+    """OME-Zarr 0.4 (zarr 2) and 0.5 (zarr 3): axes by name, scale and translation of each level."""
+    what = str(path or node.name)
+    levels = pyramid["datasets"]
+    if level is not None and (isinstance(level, bool) or not isinstance(level, int) or not 0 <= level < len(levels)):
+        raise ValueError(f"level must be from 0 to {len(levels) - 1} of {what}, got {level!r}")
+    names = [axis if isinstance(axis, str) else axis["name"] for axis in pyramid.get("axes", ["t", "c", "z", "y", "x"])]
+    common = pyramid.get("coordinateTransformations", [])
+
+    def at(number: int) -> StoredVolume:
+        entry = levels[number]
+        volume = _zarr_array(node[entry["path"]], f"{what}, level {number}", selection, names)
+        scale, translation = np.ones(len(names)), np.zeros(len(names))
+        for transformation in (*entry.get("coordinateTransformations", []), *common):
+            if transformation["type"] == "scale":
+                scale, translation = scale * transformation["scale"], translation * transformation["scale"]
+            elif transformation["type"] == "translation":
+                translation = translation + transformation["translation"]
+            elif transformation["type"] != "identity":
+                raise ValueError(
+                    f"{what} has a transformation of type {transformation['type']!r}: give spacing and origin"
+                )
+        axes = list(reversed(volume.samples.axes))
+        return placed(volume, scale[axes], translation[axes])
+
+    volume = at(level or 0)
+    if len(levels) > 1 and (level or 0) < len(levels) - 1:
+        volume.coarse = at(len(levels) - 1)
+    return volume, None if path is None else sidecar(path, levels[level or 0]["path"], selection)
+
+
+# xarray.
+
+
+def _xarray(data: Any, scalars: str | None, selection: dict) -> StoredVolume:
+    if hasattr(data, "data_vars"):
+        names = [str(key) for key, value in data.data_vars.items() if value.ndim >= 3]
+        data = data[named(names, scalars, "the dataset")]
+    elif scalars is not None:
+        raise ValueError(f"scalars is for datasets with several variables, got {scalars!r} for a DataArray")
+    labels = {name: value for name, value in selection.items() if isinstance(value, str)}
+    data = data.sel(labels)
+    rest = {name: value for name, value in selection.items() if name not in labels}
+    names = [str(dim) for dim in data.dims]
+    inside = data.variable._data
+    chunks = getattr(data, "chunks", None)
+    # What is not Dask's is sliced by xarray, which leaves it in its file.
+    volume = of_array(inside if chunks else _Lazy(data), str(data.name or "DataArray"), chunks, rest, names)
+    order = [data.dims[axis] for axis in volume.samples.axes]
+    steps = [step_of(data, dim) for dim in reversed(order)]
+    return placed(volume, [step for _, step in steps], [start for start, _ in steps])
+
+
+class _Lazy:
+    """A DataArray that is sliced without its coordinates."""
+
+    def __init__(self, data: Any):
+        self.array, self.shape, self.dtype = data, data.shape, data.dtype
+
+    def __getitem__(self, key: tuple) -> NDArray:
+        return self.array[key].values

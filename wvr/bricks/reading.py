@@ -1,0 +1,78 @@
+"""How much may be read, kept and waited for."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+from ..validation import choice, positive
+
+Missing = Literal["error", "bound"]
+UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
+# Least memory for samples that anything is rendered with.
+LEAST = 1 << 20
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a frame may take.
+
+    Attributes
+    ----------
+    memory
+        Bytes of samples and of what is made of them at a time; None is no limit.
+    seconds, bytes
+        After so long, or once so much is read, nothing more is.
+    missing
+        What becomes of chunks that cannot be read: an error, or a wider bound.
+    client
+        A ``distributed.Client`` whose workers render.
+    """
+
+    memory: int | None = None
+    seconds: float | None = None
+    bytes: int | None = None
+    missing: Missing = "error"
+    client: Any = None
+
+    @classmethod
+    def of(
+        cls,
+        memory_limit: int | str | None = None,
+        budget: float | str | None = None,
+        missing: Missing = "error",
+        client: Any = None,
+    ) -> Reading:
+        """As users say it; see :func:`wvr.render`."""
+        choice(missing, "missing", get_args(Missing))
+        memory = None if memory_limit is None else parsed_bytes(memory_limit, "memory_limit")
+        if memory is not None and memory < LEAST:
+            raise ValueError(f"memory_limit must be at least {LEAST} bytes, got {memory_limit!r}")
+        seconds = bytes_ = None
+        if isinstance(budget, str):
+            bytes_ = parsed_bytes(budget, "budget")
+        elif budget is not None:
+            seconds = 0.0 if budget == 0 else positive(budget, "budget")
+        if client is not None and not hasattr(client, "scheduler_info"):
+            raise TypeError(f"client must be a distributed.Client, got {type(client).__name__}")
+        return cls(memory, seconds, bytes_, missing, client)
+
+    @property
+    def limited(self) -> bool:
+        """Whether it is for bricks alone."""
+        return self != Reading()
+
+
+def parsed_bytes(given: Any, name: str) -> int:
+    """Bytes, as a number or a text such as ``"4 GiB"``."""
+    if isinstance(given, str):
+        match = re.fullmatch(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([kmgt]?i?)b?\s*", given.lower())
+        if match and match[2] in UNITS:
+            try:
+                return int(float(match[1]) * UNITS[match[2]])
+            except ValueError:
+                pass
+    elif isinstance(given, int | float) and not isinstance(given, bool) and given > 0 and given < 2**63:
+        return int(given)
+    raise ValueError(f'{name} must be bytes, a number or a text such as "4 GiB", got {given!r}')

@@ -1,0 +1,148 @@
+"""Images of bricks that are not read, of the ranges of their samples alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..kernels.bricks.unread import Unread, map_unread, show_unread
+from ..launch import launch_pixels
+from ..scene import Scene
+from ..transfer.function import transfer_values
+from ..transfer_function import TransferFunction
+from .brick import Caster
+from .grid import FAR, Bricks, Index, Rect
+from .partial import Partial
+
+Floats = NDArray[np.float64]
+# Rounding of what is interpolated between control points, in parts of it.
+ROUNDED = 2.0**-40
+
+
+@dataclass(frozen=True)
+class Looks:
+    """What bricks may look like: extinction per unit length from ``least`` to ``most``, and colours where there is any,
+    from ``low`` to ``high``; (n,) and (n, 3).
+    """
+
+    least: Floats
+    most: Floats
+    low: Floats
+    high: Floats
+
+    @classmethod
+    def of(cls, scene: Scene, ranges: Floats) -> Looks:
+        """Of bricks of samples in ``ranges``, (n, 2)."""
+        looks = [_looks(tf, scene.unit, ranges) for tf in scene.functions]
+        least = np.min([one.least for one in looks], axis=0)
+        partly = scene.clips or scene.segmentation is not None or not getattr(scene.volume.half, "finite", True)
+        if partly:
+            # Cut away, of a label without a transfer function, or absent.
+            least = np.zeros_like(least)
+        most = np.max([one.most for one in looks], axis=0)
+        low, high = np.min([one.low for one in looks], axis=0), np.max([one.high for one in looks], axis=0)
+        low, high = np.where(np.isfinite(low), low, 0.0), np.where(np.isfinite(high), high, 0.0)
+        return cls(least, most, low, high)
+
+    def __getitem__(self, which: Any) -> Looks:
+        return Looks(self.least[which], self.most[which], self.low[which], self.high[which])
+
+
+def _looks(tf: TransferFunction, unit: float, ranges: Floats) -> Looks:
+    values, knots = transfer_values(tf, unit), tf.knots
+    tau = values[:, 3]
+    # A control point's colour counts where there is extinction at it or at the next on either side.
+    near = tau > 0
+    near[1:] |= tau[:-1] > 0
+    near[:-1] |= tau[1:] > 0
+    begin = np.searchsorted(knots, ranges[:, 0], "left")
+    end = np.searchsorted(knots, ranges[:, 1], "right")
+
+    def extremes(numbers: Floats, counted: NDArray[np.bool_], where: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+        """Least and greatest, of control points that are counted and of both ends where those count."""
+        ends = np.stack([np.interp(ranges[:, side], knots, numbers) for side in (0, 1)])
+        low = np.where(where, ends, np.inf).min(axis=0)
+        high = np.where(where, ends, -np.inf).max(axis=0)
+        low = np.minimum(low, _least(np.where(counted, numbers, np.inf), begin, end))
+        high = np.maximum(high, -_least(np.where(counted, -numbers, np.inf), begin, end))
+        return low - ROUNDED * np.abs(low), high + ROUNDED * np.abs(high)
+
+    everywhere = np.ones((2, len(ranges)), bool)
+    least, most = extremes(tau, np.ones(len(knots), bool), everywhere)
+    # At its ends there is extinction, or next to them.
+    seen = np.stack([near[np.clip(place - shift, 0, len(knots) - 1)] for place, shift in ((begin, 0), (end, 1))])
+    before = np.stack([near[np.clip(place - shift, 0, len(knots) - 1)] for place, shift in ((begin, 1), (end, 0))])
+    colors = [extremes(values[:, c], near, seen | before) for c in range(3)]
+    low, high = np.stack([a for a, _ in colors], axis=-1), np.stack([b for _, b in colors], axis=-1)
+    return Looks(np.maximum(least, 0.0), most, low, high)
+
+
+def _least(numbers: Floats, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Floats:
+    """Smallest of ``numbers[begin:end]`` for each, infinite where there is none."""
+    rows = [numbers]  # of so many neighbours as a power of two
+    while 2 ** len(rows) <= len(numbers):
+        last, half = rows[-1], 2 ** (len(rows) - 1)
+        rows.append(np.minimum(last[:-half], last[half:]))
+    count = end - begin
+    level = np.frexp(np.maximum(count, 1))[1] - 1
+    result = np.full(len(begin), np.inf)
+    for k, row in enumerate(rows):
+        here = (level == k) & (count > 0)
+        result[here] = np.minimum(row[begin[here]], row[end[here] - 2**k])
+    return result
+
+
+def widened(caster: Caster, ranges: Floats) -> Floats:
+    """Ranges of samples that a ray may meet which rounding puts astray."""
+    low, high = caster.scene.volume.range
+    more = 8 * caster.view.astray * (high - low)
+    return ranges + np.array([-more, more])
+
+
+def unread(
+    caster: Caster, rect: Rect, numbers: NDArray[np.int32], looks: Looks, bricks: Bricks, last: bool = True
+) -> Partial:
+    """The image of bricks that are not read.
+
+    Parameters
+    ----------
+    numbers
+        (z, y, x) of bricks: which of the ``looks`` each has, negative where it is left out.
+    last
+        Nothing is behind them, so that the bound is as narrow as their ranges; else it is one for whatever is behind.
+    """
+    scene, device = caster.scene, caster.keep.device
+    rows, columns = rect
+    shape = rows.stop - rows.start, columns.stop - columns.start
+    struct = Unread()
+    for name, along, ends in zip("xyz", bricks.edges, ((0, -1),) * 3, strict=True):
+        faces = np.array(along, np.float64)
+        faces[ends[0]], faces[ends[1]] = -FAR, FAR
+        setattr(struct, name, wp.array(faces, dtype=wp.float64, device=device))
+    struct.number = wp.array(np.ascontiguousarray(numbers, np.int32), dtype=int, device=device)
+    struct.least, struct.most = (wp.array(a, dtype=wp.float64, device=device) for a in (looks.least, looks.most))
+    struct.low, struct.high = (wp.array(a, dtype=wp.vec3d, device=device) for a in (looks.low, looks.high))
+    struct.brightest, struct.grain, struct.astray = scene.brightest, caster.grain, caster.view.astray
+    struct.row, struct.column = rows.start, columns.start
+    caster.view.width, caster.view.height = shape[1], shape[0]
+    rgba = wp.empty(shape, dtype=wp.vec4d, device=device)
+    bounds = wp.empty(shape, dtype=wp.float64, device=device)
+    launch_pixels(show_unread if last else map_unread, [caster.view, struct, rgba, bounds], device, caster.view)
+    wp.synchronize_device(device)
+    partial = Partial.of(rect, rgba.numpy(), np.zeros(shape, np.int32), None)
+    partial.bound = bounds.numpy().copy()
+    return partial
+
+
+def unread_brick(caster: Caster, index: Index, rect: Rect, looks: Looks) -> Partial:
+    """The image of one brick that is not read, which has the first of the ``looks``."""
+    low, high = caster.bricks.own(index)
+    alone = Bricks(tuple((a, b) for a, b in zip(low.tolist(), high.tolist(), strict=True)))
+    numbers = np.zeros((3, 3, 3), np.int32) - 1
+    numbers[1, 1, 1] = 0
+    around = Bricks(tuple((-FAR, a, b, FAR) for a, b in alone.edges))  # type: ignore[misc]
+    return unread(caster, rect, numbers, looks, around, last=False)
