@@ -39,7 +39,7 @@ def set_up(
 ):
     """Where rays enter and how far they go, which interpolators of graphics hardware know."""
     y, x = wp.tid()
-    point, along, length = entry(view, x, y)
+    point, along, length, _ = entry(view, x, y)
     origin[y, x] = wp.vec3(point)
     direction[y, x] = wp.vec3(along)
     reach[y, x] = float(length)
