@@ -149,7 +149,9 @@ def test_a_viewer_answers_before_it_is_done(quick):
 
 
 def test_unknown_names_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"throughput, certified, clipping, peers, cold, projections, viewer, got speed"):
+    with pytest.raises(
+        ValueError, match=r"throughput, certified, clipping, peers, cold, projections, viewer, got speed"
+    ):
         command.run("speed", out=tmp_path)
 
 

@@ -108,8 +108,9 @@ def _asked_for(kernels: dict[wp.Kernel, str], name: str) -> Iterator[None]:
         return made
 
     def cast(_: None, inputs: list[Any], *__: Any) -> None:
-        for array in inputs[1:]:
-            array.zero_()
+        for given in inputs:
+            if isinstance(given, wp.array):
+                given.zero_()
 
     def loaded(kernel: wp.Kernel, alias: str) -> None:
         if kernel not in HOST_ONLY:

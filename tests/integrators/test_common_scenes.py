@@ -77,20 +77,25 @@ def test_numbers_change_nothing(name, scene):
     """Types, units and zero points of scalars: the picture of the same scene in float64, to rounding."""
     integrator = INTEGRATORS[name]
     tabulated = "Preintegrated" in name
-    plain = scene.render(integrator).rgba
+    image = scene.render(integrator)
+    plain = image.rgba
     for numbers, how in NUMBERS.items():
         if tabulated and numbers in INTEGERS:
             # Their tables have entries where the levels are.
             error = off(in_numbers(scene, numbers).render(integrator), exact(scene))
             assert error.mean() <= ACCEPTED[name], numbers
             continue
-        error = off(in_numbers(scene, numbers).render(integrator), plain)
+        other = in_numbers(scene, numbers).render(integrator)
+        error = off(other, plain)
         if tabulated and how.get("offset") == 1e12:
             # Entries 1/511 apart, among numbers that are 1.2e-4 apart.
             assert error.max() < 5e-3 and error.mean() < 2e-4, numbers
         elif name == "AdaptivePreintegrated":
-            # Rounding may say that a cell is one segment more.
-            assert error.max() < integrator.tolerance and error.mean() < 1e-6, numbers
+            # Rounding may say that a cell is one segment more. Elsewhere it is rounding, in single precision, of places
+            # among 511 entries of a table that has jumps; and all is as good as it was.
+            same = other.samples == image.samples
+            assert same.mean() > 0.85 and error[same].max() < 511 * 2.0**-24, numbers
+            assert off(other, exact(scene)).mean() < 1.03 * off(image, exact(scene)).mean(), numbers
         else:
             # What is certified is measured in single precision, and cut where that is not good enough.
             rounding = 2e-9 if name == "Exact" and how.get("dtype") != "float32" else 1e-5
