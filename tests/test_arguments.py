@@ -87,6 +87,23 @@ def test_numbers(name, call, value):
         call(value)
 
 
+@pytest.mark.parametrize(
+    ("name", "call"),
+    [
+        ("array", wvr.Volume),
+        ("data", wvr.as_volume),
+        ("labels", lambda value: wvr.Segmentation(value, {0: TF})),
+        ("values", wvr.Isosurface),
+        ("clim", lambda value: wvr.render(VOLUME, "viridis", clim=value)),
+        ("background", lambda value: IMAGE.composited(value)),
+        ("images", lambda value: wvr.save_movie([value], "movie.gif")),
+    ],
+)
+def test_rows_of_several_lengths(name, call):
+    with pytest.raises(TypeError, match=f"{name} must be"):
+        call([[1, 2], [3]])
+
+
 def test_numbers_of_any_library_are_plain_ones():
     """Equal, hashable, and rendered with."""
     for half in (np.float32(0.5), np.float64(0.5), np.array(0.5), np.longdouble(0.5)):

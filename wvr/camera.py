@@ -273,7 +273,7 @@ class Camera:
         width, height = image_size(size)
         right, up, forward = self.basis()
         pixel = 2 * self.half_height / height
-        x, y, depth = (np.asarray(given, np.float64)[..., None] for given in (x, y, depth))
+        x, y, depth = (float_array(given, name)[..., None] for name, given in (("x", x), ("y", y), ("depth", depth)))
         across = pixel * ((x - (width - 1) / 2) * right - (y - (height - 1) / 2) * up)
         return self.position + (across if self.parallel else depth * across) + depth * forward
 

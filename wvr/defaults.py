@@ -23,7 +23,7 @@ from .light.shadows import ConvolutionShadows
 from .preset_points import HOUNSFIELD, PRESETS
 from .suggest import Suggestion, suggestion
 from .transfer_function import TransferFunction
-from .validation import near, outside
+from .validation import float_array, near, outside
 from .views import NAMES, View, ViewName, named_view, suggested_view
 from .volume import Volume
 
@@ -203,7 +203,7 @@ def _refuse(name: str, value: Any, why: str) -> None:
 def _limits(clim: Any) -> tuple[float, float]:
     if isinstance(clim, int | float):
         return -float(clim), float(clim)
-    limits = np.asarray(clim, np.float64)
+    limits = float_array(clim, "clim")
     if limits.shape != (2,) or not limits[0] < limits[1] or not np.all(np.isfinite(limits)):
         raise ValueError(f"clim must be (lo, hi) with lo < hi, or one number for (-n, n), got {clim!r}")
     return float(limits[0]), float(limits[1])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .color import is_clear, linear_rgb, linear_to_srgb, srgb_to_linear
 from .display import Shown, plot
 from .files import known_suffix, whole_file
-from .validation import path_of
+from .validation import any_array, path_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -371,7 +371,7 @@ def _behind(background: Background, size: tuple[int, int]) -> NDArray[np.float64
     """Linear RGB of a background, (3,) or of each pixel."""
     if np.ndim(background) < 2:
         return linear_rgb(background, "background")  # type: ignore[arg-type]
-    pixels = np.asarray(background)
+    pixels = any_array(background, "background")
     if pixels.shape != (*size[::-1], 3) or pixels.dtype.kind not in "fu" or not np.all(np.isfinite(pixels)):
         raise ValueError(
             f"background must be a colour or (height, width, 3) = {(*size[::-1], 3)}, uint8 sRGB or finite linear "

@@ -22,7 +22,7 @@ from .image import Image
 from .keywords import MovieOptions, refuse
 from .renderer import Renderer
 from .sources import as_volume
-from .validation import integer, path_of, positive, within
+from .validation import any_array, integer, path_of, positive, within
 from .views import front_and_up
 from .volume import Volume
 
@@ -351,7 +351,7 @@ def _of_one_size(images: Iterable[Any]) -> Iterator[NDArray[np.uint8]]:
         pixels = image
         if isinstance(image, Image):
             pixels = image.to_uint8("white" if image.background in (None, "transparent") else None)
-        pixels = np.asarray(pixels)
+        pixels = any_array(pixels, "images")
         if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3:
             raise TypeError(f"images must be wvr.Image or uint8 (height, width, 3), got {pixels.dtype} {pixels.shape}")
         if size not in (None, pixels.shape):

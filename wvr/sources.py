@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from .field.base import Field
 from .launch import get_device
 from .samples import NanPolicy, narrowed
-from .validation import choice, outside
+from .validation import any_array, choice, outside
 from .volume import Axes, Volume
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def _samples(data: Any) -> Any:
             f"data must be one volume, got a {type(data).__name__} of {len(data)}: wvr.time_series renders one after "
             f"the other; in one scene there are not several yet"
         )
-    array = np.asarray(data)
+    array = any_array(data, "data")
     if array.dtype.kind not in "biufc":
         raise TypeError(
             f"data must be a Volume, a path, an array of numbers, an xarray or a PyVista dataset, got "

@@ -102,6 +102,14 @@ def path_of(value: Any, name: str = "path") -> Path:
     return path
 
 
+def any_array(values: Any, name: str) -> NDArray:
+    """What NumPy makes of ``values``; lists of lists of several lengths are none."""
+    try:
+        return np.asarray(values)
+    except ValueError:
+        raise TypeError(f"{name} must be an array, got a {type(values).__name__} whose rows differ in length") from None
+
+
 def float_array(values: ArrayLike, name: str) -> NDArray[np.float64]:
     """A float64 copy of numbers, which are real and no text."""
     try:

@@ -26,7 +26,7 @@ from .kernels.field.grid import Grid
 from .launch import get_device
 from .memory import free_host_memory
 from .samples import DTYPES, NanPolicy
-from .validation import choice, finite_vector
+from .validation import any_array, choice, finite_vector
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -393,7 +393,7 @@ def _from_device(array: Any) -> Any:
             return _host_view(wp.from_dlpack(array))
         except Exception as error:
             raise TypeError(f"array of type {type(array).__name__} could not be shared with Warp: {error}") from error
-    return np.asarray(array)
+    return any_array(array, "array")
 
 
 def _host_view(array: Any) -> Any:

@@ -22,6 +22,7 @@ from ..kernels.transfer.lookup import make_table
 from ..launch import launch
 from ..transfer.function import struct_of
 from ..transfer_function import TransferFunction
+from ..validation import any_array
 from ..volume import Volume
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ class Segmentation:
         transfer_functions: Mapping[int, TransferFunction],
         other: TransferFunction | None = None,
     ):
-        array = labels.numpy() if hasattr(labels, "numpy") else np.asarray(labels)
+        array = labels.numpy() if hasattr(labels, "numpy") else any_array(labels, "labels")
         if array.dtype.newbyteorder("=").name not in DTYPES:
             raise TypeError(f"labels must be uint8 or uint16, got {array.dtype}; cast them with .astype('uint16')")
         self.labels = Volume(array)

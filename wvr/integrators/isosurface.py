@@ -13,7 +13,7 @@ from ..field.levels import LevelKinds
 from ..keep import Keeper, Part
 from ..kernels.integrators.isosurface import ASTRAY, Half
 from ..transfer_function import MAX_OPACITY, TransferFunction
-from ..validation import finite_array
+from ..validation import any_array, finite_array
 from .base import Integrator
 from .projection import rounding
 
@@ -52,7 +52,7 @@ class Isosurface(Integrator):
     asks: ClassVar[tuple[str, ...]] = ("cubic",)
 
     def __post_init__(self) -> None:
-        levels = np.unique(finite_array(np.atleast_1d(self.values), "values", (-1,)))
+        levels = np.unique(finite_array(np.atleast_1d(any_array(self.values, "values")), "values", (-1,)))
         if not len(levels):
             raise ValueError("values must be one or more scalars, got none")
         object.__setattr__(self, "values", tuple(levels.tolist()))
