@@ -31,6 +31,7 @@ from .memory import free_memory
 from .probe import make_prober, probe, tightest
 from .scene import Scene
 from .transfer.function import struct_of
+from .validation import float_array
 
 # How far a ray may be from where it should be, in parts of the numbers that it is made of (docs/proof.md, lemma 3).
 ASTRAY = 2.0**-49
@@ -252,10 +253,7 @@ def ends_of(depth: Any, size: tuple[int, int]) -> NDArray[np.float64] | None:
     if depth is None:
         return None
     width, height = size
-    try:
-        ends = np.array(depth, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TypeError(f"depth must be an array of numbers, got {type(depth).__name__}") from None
+    ends = float_array(depth, "depth")
     if ends.shape != (height, width):
         raise ValueError(
             f"depth must have the shape (height, width) = {(height, width)} of the image, got {ends.shape}"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .color import is_clear, linear_rgb, linear_to_srgb, srgb_to_linear
 from .display import Shown, plot
 from .files import known_suffix, whole_file
-from .validation import any_array, path_of
+from .validation import any_array, path_of, share
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -162,9 +162,7 @@ class Image:
             are of the whole ray, and where samples were written into since.
         """
         prober = self._probing("depth")
-        if not 0 < opacity <= 1:
-            raise ValueError(f"opacity must be in (0, 1], got {opacity!r}")
-        return prober(float(opacity), None)[1]
+        return prober(share(opacity, "opacity"), None)[1]
 
     def pick(self, x: int, y: int, opacity: float | None = None) -> Pick:
         """What is under a pixel.
@@ -193,13 +191,12 @@ class Image:
         prober = self._probing("pick")
         column, row = self._pixel(x, y)
         own = float(self.rgba[row, column, 3])
-        if opacity is not None and not 0 < opacity <= 1:
-            raise ValueError(f"opacity must be in (0, 1], got {opacity!r}")
+        asked = 0.5 * own if opacity is None else share(opacity, "opacity")
         value, depth = np.nan, np.nan
         if self.values is not None:
             value = float(self.values[row, column])
         if own > 0:
-            value, depth = map(float, prober(0.5 * own if opacity is None else float(opacity), (column, row)))
+            value, depth = map(float, prober(asked, (column, row)))
         assert self.shown is not None
         return Pick(self.shown.camera.unproject(column, row, depth, self.size), value, own)
 
@@ -210,9 +207,13 @@ class Image:
 
     def _pixel(self, x: int, y: int) -> tuple[int, int]:
         width, height = self.size
-        if not (0 <= index(x) < width and 0 <= index(y) < height):
+        try:
+            column, row = index(x), index(y)
+        except TypeError:
+            raise TypeError(f"x, y must be integers, got {x!r}, {y!r}") from None
+        if not (0 <= column < width and 0 <= row < height):
             raise IndexError(f"x, y must be a pixel of the {width} x {height} image, got {x!r}, {y!r}")
-        return index(x), index(y)
+        return column, row
 
     def composited(self, background: Background) -> NDArray[np.float64]:
         """Linear RGB in front of a background.
@@ -369,9 +370,10 @@ class BoundedImage(Image):
 
 def _behind(background: Background, size: tuple[int, int]) -> NDArray[np.float64]:
     """Linear RGB of a background, (3,) or of each pixel."""
-    if np.ndim(background) < 2:
+    many = isinstance(background, np.ndarray | list | tuple)
+    pixels = any_array(background if many else (), "background")
+    if pixels.ndim < 2:
         return linear_rgb(background, "background")  # type: ignore[arg-type]
-    pixels = any_array(background, "background")
     if pixels.shape != (*size[::-1], 3) or pixels.dtype.kind not in "fu" or not np.all(np.isfinite(pixels)):
         raise ValueError(
             f"background must be a colour or (height, width, 3) = {(*size[::-1], 3)}, uint8 sRGB or finite linear "

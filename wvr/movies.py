@@ -283,7 +283,7 @@ def save_movie(
     OSError
         Where the movie cannot be written.
     """
-    if not isinstance(images, Iterable):
+    if not isinstance(images, Iterable) or getattr(images, "ndim", 1) == 0:
         raise TypeError(f"images must be iterable, a list of images or the like, got {images!r}")
     named, kind = path_of(path), _kind(path, "path")
     target = Path(os.path.realpath(named))
@@ -352,7 +352,7 @@ def _of_one_size(images: Iterable[Any]) -> Iterator[NDArray[np.uint8]]:
         if isinstance(image, Image):
             pixels = image.to_uint8("white" if image.background in (None, "transparent") else None)
         pixels = any_array(pixels, "images")
-        if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3:
+        if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size:
             raise TypeError(f"images must be wvr.Image or uint8 (height, width, 3), got {pixels.dtype} {pixels.shape}")
         if size not in (None, pixels.shape):
             raise ValueError(f"images must have one size, got {size[1::-1]} and {pixels.shape[1::-1]}")

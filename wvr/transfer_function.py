@@ -87,10 +87,11 @@ class TransferFunction:
         scalars, rgb, opacity = [], [], []
         try:
             listed = list(points)
-        except TypeError:
+        except (TypeError, ValueError):  # nothing to iterate over, or used up
             raise TypeError(f"points must be a list of (scalar, colour, opacity), got {points!r}") from None
         for i, point in enumerate(listed):
-            if isinstance(point, str) or not isinstance(point, Iterable) or len(triple := tuple(point)) != 3:
+            several = isinstance(point, Iterable) and not isinstance(point, str) and getattr(point, "ndim", 1) > 0
+            if not several or len(triple := tuple(point)) != 3:
                 raise ValueError(f"points[{i}] must be (scalar, colour, opacity), got {point!r}")
             scalars.append(_number(triple[0], f"scalar of points[{i}]"))
             rgb.append(linear_rgb(triple[1], f"colour of points[{i}]"))

@@ -43,6 +43,14 @@ def below_one(value: Any, name: str) -> float:
     return number
 
 
+def share(value: Any, name: str) -> float:
+    """``value`` as a float > 0 and <= 1."""
+    number = real(value, name, "a number in (0, 1]")
+    if not 0 < number <= 1:
+        raise ValueError(f"{name} must be in (0, 1], got {value!r}")
+    return number
+
+
 def define(instance: Any, **fields: Any) -> None:
     """Fields of a frozen dataclass as its checks return them: plain numbers, which are equal and hashable."""
     for name, value in fields.items():

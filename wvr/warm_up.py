@@ -62,7 +62,7 @@ def warm_up(
     done = []
     for kind in kinds:
         for light in lit:
-            if light and integrator is not None and integrator.unlit:
+            if light is not False and getattr(integrator, "unlit", False):
                 continue
             scene = {"lighting": light, "shadows": shade, "integrator": integrator, "device": device}
             render(Volume(samples.astype(kind)), tf, "iso", (16, 16), **(scene | options))

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 import wvr
+from wvr.integrators import Integrator
 
 # What errors about arguments may be; what a system refuses (a place to write to, memory) does not name them.
-CLEAR, OF_THE_SYSTEM = (ValueError, TypeError), (OSError, MemoryError, ImportError)
+CLEAR, OF_THE_SYSTEM = (ValueError, TypeError, IndexError), (OSError, MemoryError, ImportError)
 ARRAY = (np.arange(64, dtype=np.uint8) * 4).reshape(4, 4, 4)
 
 
@@ -29,6 +30,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "points": ("scalar", "scalars", "colour", "rgb", "opacity"),
     "position": ("up",),
     "scalars": ("rgb", "opacity"),
+    "store": ("ndarray",),
     "target": ("up",),
     "transfer_function": ("colormap", "scalars", "opacity"),
     "values": ("scalars", "colors", "width"),
@@ -131,6 +133,7 @@ def bases(folder: Path = Path()) -> dict[str, tuple[Any, dict[str, Any]]]:
     np.save(folder / "a.npy", ARRAY)
     tf.save(folder / "a.json")
     comparison = wvr.compare(image, image)
+    seen = wvr.render(volume, tf, camera, (4, 4), integrator=wvr.Riemann(1.0), device="cpu")
     given: dict[str, dict[str, Any]] = {
         "AdaptivePreintegrated": {"tolerance": 1e-3},
         "AdaptiveSimpson": {"tolerance": 1e-3},
@@ -145,6 +148,7 @@ def bases(folder: Path = Path()) -> dict[str, tuple[Any, dict[str, Any]]]:
         "Camera.orbit": {"volume": volume},
         "Camera.project": {"self": camera, "points": (1.0, 1.0, 1.0), "size": (4, 4)},
         "Camera.rays": {"self": camera, "size": (4, 4)},
+        "Camera.unproject": {"self": camera, "x": 1.0, "y": 1.0, "depth": 3.0, "size": (4, 4)},
         "Certified": {"tolerance": 1e-3},
         "ClipBox": {"lo": (0.0, 0.0, 0.0), "hi": (2.0, 2.0, 2.0)},
         "ClipPlane": {"point": (1.0, 1.0, 1.0), "normal": (0.0, 0.0, 1.0)},
@@ -160,11 +164,15 @@ def bases(folder: Path = Path()) -> dict[str, tuple[Any, dict[str, Any]]]:
         "Headlight": {},
         "Image": {"rgba": np.zeros((4, 4, 4), np.float32), "samples": np.zeros((4, 4), np.int32)},
         "Image.composited": {"self": image, "background": "white"},
+        "Image.depth": {"self": seen, "opacity": 0.5},
+        "Image.pick": {"self": seen, "x": 1, "y": 2},
         "Image.png": {"self": image},
         "Image.save": {"self": image, "path": folder / "a.png"},
         "Image.to_uint8": {"self": image},
+        "Isosurface": {"values": [90.0, 140.0]},
         "Lighting": {},
         "Preintegrated": {"step": 1.0},
+        "Projection": {"what": "max"},
         "Renderer": {"volume": volume, "transfer_function": tf, "integrator": wvr.Riemann(1.0), "device": "cpu"},
         "Renderer.render": {
             "self": wvr.Renderer(volume, tf, integrator=wvr.Riemann(1.0), device="cpu"),
@@ -189,10 +197,12 @@ def bases(folder: Path = Path()) -> dict[str, tuple[Any, dict[str, Any]]]:
         "Volume": {"array": ARRAY},
         "Volume.from_pyvista": {"image_data": volume.to_pyvista()},
         "as_volume": {"data": ARRAY},
+        "build_ranges": {"store": folder / "a.npy"},
         "compare": {"image": image, "reference": image},
         "datasets.load": {"name": "spheres", "size": 4},
         "enclose": {"volume": volume, "transfer_function": tf, "camera": camera, "x": 2, "y": 2, "size": (4, 4)},
         "get_num_threads": {},
+        "open": {"store": folder / "a.npy"},
         "orbit": {"data": volume, "transfer_function": tf, "frames": 2, "size": (4, 4)},
         "preintegrate": {"tf": tf, "n": 4, "device": "cpu"},
         "presets.suggest": {"volume": volume},
@@ -260,13 +270,15 @@ class Arguments:
             if made.numpy().size > 10**5:
                 return ""
             scene |= {"volume": made, "camera": wvr.Camera.fit(made)}
+        elif isinstance(made, wvr.StoredVolume):
+            scene["volume"] = made
         elif isinstance(made, wvr.TransferFunction):
             scene["transfer_function"] = made
         elif isinstance(made, wvr.Camera):
             scene["camera"] = made
         elif isinstance(made, wvr.Renderer):
             made, scene = made.render(scene["camera"], (4, 4)), {}
-        elif isinstance(made, wvr.Riemann | wvr.Preintegrated | wvr.Certified | wvr.Simpson | wvr.AdaptiveSimpson):
+        elif isinstance(made, Integrator):
             scene["integrator"] = made
         elif isinstance(made, wvr.ClipBox | wvr.ClipPlane | wvr.ClipSphere):
             scene["clip"] = made

@@ -57,7 +57,7 @@ def of_array(
     """Of an array with chunks: their lengths along each axis, or all equal."""
     dims = len(array.shape)
     if dims < 3:
-        raise ValueError(f"{name} must have three axes (z, y, x) or more, got shape {tuple(array.shape)}")
+        raise ValueError(f"store must have three axes (z, y, x) or more, {name} has shape {tuple(array.shape)}")
     if names is None:
         names = ([f"axis{n}" for n in range(dims - 5)] + ["t", "c", "z", "y", "x"])[-dims:]
     axes, fixed = _selected(names, tuple(array.shape), selection, name)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..io.bytes import needs
 from ..samples import NanPolicy
 from ..sources import step_of
+from ..validation import path_of
 from .arrays import named, of_array, placed
 from .mapped import Hdf5, hdf5, hdf5_name, mapped, nifti
 from .ranges import attach, build, sidecar
@@ -84,6 +85,7 @@ def open(
     """
     raw = (shape, dtype, offset)
     if isinstance(store, str | os.PathLike):
+        path_of(store, "store")
         volume, beside = _path(str(store), level, scalars, selection, raw)
     else:
         if shape is not None or dtype is not None:
@@ -98,11 +100,11 @@ def open(
         volume.anatomical,
     )
     result.coarse, result.place = volume.coarse, beside
-    found = beside if ranges is None else Path(ranges)
-    if ranges is not None and not Path(ranges).exists():
-        raise FileNotFoundError(f"ranges must be a file of wvr.build_ranges, {str(ranges)!r} is not there")
+    found = beside if ranges is None else path_of(ranges, "ranges")
     if found is not None and found.exists():
         attach(result, found)
+    elif ranges is not None:
+        raise FileNotFoundError(f"ranges must be a file of wvr.build_ranges, {str(ranges)!r} is not there")
     return result
 
 
@@ -144,8 +146,12 @@ def build_ranges(
     OSError
         Where a block cannot be read, or the file not be written.
     """
+    if client is not None and not hasattr(client, "scheduler_info"):
+        raise TypeError(f"client must be a distributed.Client or None, got {client!r}")
+    if report is not None and not callable(report):
+        raise TypeError(f"report must be called with two numbers, got {report!r}")
     volume = store if isinstance(store, StoredVolume) else open(store, **options)
-    path = volume.place if output is None else Path(output)
+    path = volume.place if output is None else path_of(output, "output")
     volume.ranges = build(volume, path, client, report)
     vars(volume).pop("range", None)
     return volume
@@ -197,7 +203,7 @@ def _object(store: Any, level: int | None, scalars: str | None, selection: dict)
         return hdf5(Hdf5(store.file.filename, store.name), selection), sidecar(
             store.file.filename, store.name, selection
         )
-    if not all(hasattr(store, name) for name in ("shape", "dtype", "__getitem__")):
+    if isinstance(store, type) or not all(hasattr(store, name) for name in ("shape", "dtype", "__getitem__")):
         raise TypeError(
             f"store must be a path, a zarr array or group, a dask array, an xarray object, an h5py data set or an "
             f"array, got {type(store).__name__}"

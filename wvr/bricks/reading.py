@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-from ..validation import choice, positive
+from ..validation import choice, positive, real
 
 Missing = Literal["error", "bound"]
 UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
@@ -53,7 +53,8 @@ class Reading:
         if isinstance(budget, str):
             bytes_ = parsed_bytes(budget, "budget")
         elif budget is not None:
-            seconds = 0.0 if budget == 0 else positive(budget, "budget")
+            seconds = real(budget, "budget", 'seconds or a text such as "500 MB"')
+            seconds = seconds and positive(budget, "budget")
         if client is not None and not hasattr(client, "scheduler_info"):
             raise TypeError(f"client must be a distributed.Client, got {type(client).__name__}")
         return cls(memory, seconds, bytes_, missing, client)

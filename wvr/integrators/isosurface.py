@@ -13,7 +13,7 @@ from ..field.levels import LevelKinds
 from ..keep import Keeper, Part
 from ..kernels.integrators.isosurface import ASTRAY, Half
 from ..transfer_function import MAX_OPACITY, TransferFunction
-from ..validation import any_array, finite_array
+from ..validation import any_array, define, finite_array, share
 from .base import Integrator
 from .projection import rounding
 
@@ -55,7 +55,7 @@ class Isosurface(Integrator):
         levels = np.unique(finite_array(np.atleast_1d(any_array(self.values, "values")), "values", (-1,)))
         if not len(levels):
             raise ValueError("values must be one or more scalars, got none")
-        object.__setattr__(self, "values", tuple(levels.tolist()))
+        define(self, values=tuple(levels.tolist()), reached=share(self.reached, "reached"))
 
     @property
     def order(self) -> float:
