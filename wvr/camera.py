@@ -273,7 +273,12 @@ class Camera:
         width, height = image_size(size)
         right, up, forward = self.basis()
         pixel = 2 * self.half_height / height
-        x, y, depth = (float_array(given, name)[..., None] for name, given in (("x", x), ("y", y), ("depth", depth)))
+        given = [float_array(one, name) for name, one in (("x", x), ("y", y), ("depth", depth))]
+        try:
+            x, y, depth = (one[..., None] for one in np.broadcast_arrays(*given))
+        except ValueError:
+            shapes = ", ".join(str(one.shape) for one in given)
+            raise ValueError(f"x, y and depth must have shapes that go together, got {shapes}") from None
         across = pixel * ((x - (width - 1) / 2) * right - (y - (height - 1) / 2) * up)
         return self.position + (across if self.parallel else depth * across) + depth * forward
 
