@@ -26,6 +26,7 @@ class View:
     way_right: wp.vec3d  # what a pixel adds to it
     way_down: wp.vec3d
     depth: wp.float64  # from the camera's plane to the anchors', along the view [world length]
+    broad: wp.float64  # largest of what the ways of rays are sums of, as long as the view's axis is 1
     rounded: wp.float64  # how far rounding may put that from what it should be
     ends: wp.array2d(dtype=wp.float64)  # of rays, in the same way; empty where they end nowhere
     to_index: wp.mat33d  # world directions to index directions
@@ -177,7 +178,7 @@ def obliquity(view: View, x: int, y: int):
 @wp.func
 def slack(view: View, oblique: wp.float64, depth: wp.float64):
     """How far rounding may put the place of a ray that is at a depth from the camera."""
-    ulps = (wp.float64(1.0) + oblique * view.unit) * (wp.abs(depth) + wp.abs(view.depth))
+    ulps = (view.broad + oblique * view.unit) * (wp.abs(depth) + wp.abs(view.depth))
     return oblique * (view.rounded + wp.float64(wp.static(2.0**-49)) * ulps)
 
 
