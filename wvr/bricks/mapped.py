@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..io.bytes import needs
+from ..io.hdf5 import SPACING
 from ..validation import integer
 from .arrays import named, of_array, placed
 from .stored import StoredVolume
@@ -27,7 +28,7 @@ class Hdf5:
         with h5py.File(self.path, "r") as file:
             data = file[self.name]
             self.shape, self.dtype, self.chunks = data.shape, data.dtype, data.chunks
-            spacing = np.ravel(np.asarray(data.attrs.get("element_size_um", (1.0, 1.0, 1.0)), np.float64))[::-1][:3]
+            spacing = np.ravel(np.asarray(data.attrs.get(SPACING, (1.0, 1.0, 1.0)), np.float64))[::-1][:3]
         self.spacing = spacing if spacing.shape == (3,) and np.all(spacing > 0) else np.ones(3)
         self._file: Any = None
 
