@@ -29,7 +29,17 @@ WITHOUT_DISPLAY = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
 
 
 class Pick(NamedTuple):
-    """What is under a pixel (:meth:`Image.pick`)."""
+    """What is under a pixel (:meth:`Image.pick`).
+
+    Attributes
+    ----------
+    position
+        World coordinates, (3,); NaN where the ray does not get there.
+    value
+        The scalar there.
+    opacity
+        Of the pixel.
+    """
 
     position: NDArray[np.float64]
     value: float
