@@ -1,4 +1,5 @@
-"""The one kernel that casts rays: a factory that turns what a scene uses into a kernel with nothing else in it.
+"""The kernels that cast rays, one at a time or several: a factory that turns what a scene uses into a kernel with
+nothing else in it.
 
 A ray is a walk of segments composed front to back. How it walks and what a segment contributes is a march, as of
 ``scene.Halves``; clips and labels cut the ray into stretches, which are marched one by one and composed like segments.
@@ -125,7 +126,7 @@ def make_raycasts(halves):
     ):
         scene.march.scratch = scratch
         first = (wp.tid() + base) * rays
-        # Eight numbers a ray, which snippets count on.
+        # Point, direction, start and stop of each ray; its composite, count and bound.
         lines = wp.zeros(shape=(rays, 8), dtype=wp.float64)
         looseness = wp.zeros(shape=(rays,), dtype=wp.float64)
         results = wp.zeros(shape=(rays, 6), dtype=wp.float64)

@@ -29,7 +29,17 @@ WITHOUT_DISPLAY = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
 
 
 class Pick(NamedTuple):
-    """What is under a pixel (:meth:`Image.pick`)."""
+    """What is under a pixel (:meth:`Image.pick`).
+
+    Attributes
+    ----------
+    position
+        World coordinates, (3,); NaN where the ray does not get there.
+    value
+        The scalar there.
+    opacity
+        Of the pixel.
+    """
 
     position: NDArray[np.float64]
     value: float
@@ -202,7 +212,7 @@ class Image:
 
     def _probing(self, what: str) -> Prober:
         if self._prober is None:
-            raise ValueError(f"{what} needs an image that wvr.render made, whose rays are known")
+            raise ValueError(f"{what} needs an image that wvr.render made of a volume in memory, and not in bricks")
         return self._prober
 
     def _pixel(self, x: int, y: int) -> tuple[int, int]:

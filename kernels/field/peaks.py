@@ -10,9 +10,6 @@ import warp as wp
 from .samples import make_samples
 from .walk import make_walk
 
-# Cells along an axis of the blocks, as powers of two.
-FINE, MIDDLE, COARSE = 2, 4, 6
-
 
 @wp.struct
 class Peaks:

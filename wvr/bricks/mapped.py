@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from operator import index
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..io.bytes import needs
-from ..validation import integer
+from ..io.bytes import layout_of, needs
+from ..io.hdf5 import SPACING
 from .arrays import named, of_array, placed
 from .stored import StoredVolume
 
@@ -27,7 +26,7 @@ class Hdf5:
         with h5py.File(self.path, "r") as file:
             data = file[self.name]
             self.shape, self.dtype, self.chunks = data.shape, data.dtype, data.chunks
-            spacing = np.ravel(np.asarray(data.attrs.get("element_size_um", (1.0, 1.0, 1.0)), np.float64))[::-1][:3]
+            spacing = np.ravel(np.asarray(data.attrs.get(SPACING, (1.0, 1.0, 1.0)), np.float64))[::-1][:3]
         self.spacing = spacing if spacing.shape == (3,) and np.all(spacing > 0) else np.ones(3)
         self._file: Any = None
 
@@ -109,11 +108,8 @@ def mapped(path: str, raw: tuple, selection: dict) -> StoredVolume:
     else:
         if shape is None or dtype is None:
             raise ValueError("shape and dtype are for raw files, and go together")
-        try:
-            kind, sizes = np.dtype(dtype), tuple(map(index, shape))
-        except (TypeError, ValueError):
-            raise TypeError(f"shape and dtype must be three sizes and a dtype, got {shape!r} and {dtype!r}") from None
-        array = Mapped(path, kind, sizes, integer(offset, "offset", 0))
+        counts, kind = layout_of(shape, dtype, offset)
+        array = Mapped(path, kind, counts, offset)
     return of_array(array, path, None, selection, marks=FileMark(array.path))
 
 

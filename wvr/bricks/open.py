@@ -18,6 +18,7 @@ from ..validation import path_of
 from .arrays import named, of_array, placed
 from .mapped import Hdf5, hdf5, hdf5_name, mapped, nifti
 from .ranges import attach, build, sidecar
+from .reading import checked_client
 from .stored import StoredVolume
 
 Place = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
@@ -146,8 +147,7 @@ def build_ranges(
     OSError
         Where a block cannot be read, or the file not be written.
     """
-    if client is not None and not hasattr(client, "scheduler_info"):
-        raise TypeError(f"client must be a distributed.Client or None, got {client!r}")
+    checked_client(client)
     if report is not None and not callable(report):
         raise TypeError(f"report must be called with two numbers, got {report!r}")
     volume = store if isinstance(store, StoredVolume) else open(store, **options)

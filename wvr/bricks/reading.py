@@ -55,14 +55,19 @@ class Reading:
         elif budget is not None:
             seconds = real(budget, "budget", 'seconds or a text such as "500 MB"')
             seconds = seconds and positive(budget, "budget")
-        if client is not None and not hasattr(client, "scheduler_info"):
-            raise TypeError(f"client must be a distributed.Client, got {type(client).__name__}")
-        return cls(memory, seconds, bytes_, missing, client)
+        return cls(memory, seconds, bytes_, missing, checked_client(client))
 
     @property
     def limited(self) -> bool:
         """Whether it is for bricks alone."""
         return self != Reading()
+
+
+def checked_client(client: Any) -> Any:
+    """What is a ``distributed.Client``, or None."""
+    if client is not None and not hasattr(client, "scheduler_info"):
+        raise TypeError(f"client must be a distributed.Client, got {type(client).__name__}")
+    return client
 
 
 def parsed_bytes(given: Any, name: str) -> int:

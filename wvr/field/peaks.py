@@ -16,8 +16,8 @@ from .blocks import Ranges
 
 @dataclass(frozen=True)
 class Peaks(Part):
-    """Largest value times ``sign`` of blocks of 4, 16 and 64 cells along each axis; infinite where nothing is to be
-    ``skipped``.
+    """Largest value times ``sign`` of blocks of 4, 16 and 64 cells along each axis; infinite unless blocks are to
+    be leapt over (``skip``).
     """
 
     ranges: Ranges

@@ -151,7 +151,7 @@ def rounding(scene: Scene) -> float:
 
 @dataclass(frozen=True)
 class Flat(Part):
-    """The one value of blocks that have but one; NaN of others, and of all unless they are ``skipped``."""
+    """The one value of blocks that have but one; NaN of others, and of all unless those are to ``skip``."""
 
     ranges: Ranges
     skip: bool

@@ -315,3 +315,23 @@ def numbers(words: list[bytes], dtype: np.dtype) -> NDArray:
 
 def _counted(shape: Sequence[int]) -> str:
     return " x ".join(str(n) for n in reversed(shape)) or "1"
+
+
+def layout_of(shape: Any, dtype: Any, offset: Any) -> tuple[tuple[int, int, int], np.dtype]:
+    """Shape and dtype of bare samples that begin after so many bytes, of what a user says."""
+    try:
+        whole = len(shape) == 3 and all(n == int(n) and n >= 1 for n in shape)
+    except (TypeError, ValueError, OverflowError):
+        whole = False
+    if not whole:
+        raise ValueError(f"shape must be three integers > 0 (nz, ny, nx), got {shape!r}")
+    if isinstance(offset, bool) or not isinstance(offset, int | np.integer) or offset < 0:
+        raise ValueError(f"offset must be >= 0 bytes, got {offset}")
+    try:
+        kind = np.dtype(dtype)
+    except (TypeError, ValueError):
+        kind = np.dtype("V1")
+    if kind.kind not in "biuf":
+        raise TypeError(f"dtype must be that of numbers, such as uint16, got {dtype!r}")
+    nz, ny, nx = map(int, shape)
+    return (nz, ny, nx), kind

@@ -17,6 +17,7 @@ from ..interop import RESAMPLE
 from ..samples import Grid, NanPolicy, Unsupported, narrowed
 from ..validation import choice, path_of
 from ..volume import Volume
+from .bytes import layout_of
 from .dicom import dicom_files, is_dicom, read_dicom, read_dicom_folder
 from .hdf5 import read_hdf5
 from .meta_image import read_meta_image
@@ -151,29 +152,17 @@ def read_raw(
     """
     path = path_of(path)
     size = regular(path)
-    try:
-        whole = len(shape) == 3 and all(n == int(n) and n >= 1 for n in shape)
-    except (TypeError, ValueError, OverflowError):
-        whole = False
-    if not whole:
-        raise ValueError(f"shape must be three integers > 0 (nz, ny, nx), got {shape!r}")
-    if isinstance(offset, bool) or not isinstance(offset, (int, np.integer)) or offset < 0:
-        raise ValueError(f"offset must be >= 0 bytes, got {offset}")
+    counts, kind = layout_of(shape, dtype, offset)
     choice(byteorder, "byteorder", ("little", "big"))
-    try:
-        kind = np.dtype(dtype).newbyteorder("<" if byteorder == "little" else ">")
-    except TypeError:
-        raise TypeError(f"dtype must be that of numbers, such as uint16, got {dtype!r}") from None
-    if kind.kind not in "biuf":
-        raise TypeError(f"dtype must be that of numbers, such as uint16, got {dtype!r}")
-    expected = offset + kind.itemsize * prod(int(n) for n in shape)
+    kind = kind.newbyteorder("<" if byteorder == "little" else ">")
+    expected = offset + kind.itemsize * prod(counts)
     if size != expected:
         odd = f"{abs(size - expected):,} too {'many' if size > expected else 'few'}"
         raise OSError(
-            f"{path} has {size} bytes; {offset} + {tuple(shape)} samples of {kind.name} are {expected} bytes: {odd}; "
+            f"{path} has {size} bytes; {offset} + {counts} samples of {kind.name} are {expected} bytes: {odd}; "
             f"check shape, dtype and offset"
         )
-    array = np.memmap(path, kind, "r", offset, tuple(int(n) for n in shape))
+    array = np.memmap(path, kind, "r", offset, counts)
     volume = Volume(narrowed(array), spacing, origin, direction, nan)
     volume.files = (path,)
     return volume

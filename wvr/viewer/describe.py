@@ -45,7 +45,7 @@ def source_json(source: Source) -> Json:
     }
 
 
-def state_json(source: Source, state: State, clips: Settings, history: History) -> Json:
+def state_json(state: State, clips: Settings, history: History) -> Json:
     """What a client shows of a state."""
     scene, tf = state.scene, state.scene.transfer_function
     lighting, shadows = scene.lights()

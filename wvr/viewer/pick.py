@@ -72,13 +72,9 @@ def pick(volume: Any, scene: Scene, x: float, y: float) -> Picked | None:
 
 def ray(camera: Camera, size: tuple[int, int], x: float, y: float) -> tuple[Floats, Floats]:
     """Origin and unit direction of the ray through a place in a picture, as those of :meth:`wvr.Camera.rays`."""
-    width, height = size
-    right, up, forward = camera.basis()
-    across = (2 * x + 1 - width) / height * right + (height - 1 - 2 * y) / height * up
-    if camera.parallel:
-        return camera.position + camera.half_height * across, forward
-    direction = forward + camera.half_height * across
-    return camera.position, direction / np.linalg.norm(direction)
+    origin, ahead = camera.unproject([x, x], [y, y], [0.0, 1.0], size)
+    direction = ahead - origin
+    return origin, direction / np.linalg.norm(direction)
 
 
 def trilinear(samples: NDArray, points: Floats) -> Floats:

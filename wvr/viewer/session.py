@@ -100,7 +100,7 @@ class Session:
         self._send(header, picture)
 
     def _tell(self) -> None:
-        self._send(state_json(self.source, self.state, self._clips, self._history), None)
+        self._send(state_json(self.state, self._clips, self._history), None)
 
     def _change(self, **fields: Any) -> None:
         """Of the scene."""

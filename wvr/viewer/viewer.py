@@ -53,8 +53,8 @@ def view(
         What the page's address has in it, at least 16 letters, digits, - and _; by default a new random one. Who does
         not know it sees nothing. With a token and a port of one's own, pages find a viewer that was started again.
     **options
-        Other keywords of :func:`wvr.render`, but for ``size`` and ``cancel``: ``camera``, ``tolerance``,
-        ``lighting``, ``clip``, ...
+        Other keywords of :func:`wvr.render`: ``camera``, ``tolerance``, ``lighting``, ``clip``, ...; but for ``size``,
+        ``cancel``, ``depth``, and those of volumes in bricks (``memory_limit``, ``budget``, ``missing``, ``client``).
 
     Returns
     -------
