@@ -63,12 +63,13 @@ def make_probe(halves):
         while w.t < stop:
             w, crest = seek(scene.field, scene.march.peaks, w, stop, best, place)
             known = crest.t < stop
+            L = wp.min(w.t, stop) - crest.t
             if not wp.static(finite):
-                known = known and wp.isfinite(crest.cubic[3])
+                # An edge or corner that a ray touches among absent cells is not of the ray.
+                known = known and wp.isfinite(crest.cubic[3]) and L > real(2.0) * scene.view.astray
             if known:
                 count += 1
                 c = crest.cubic
-                L = wp.min(w.t, stop) - crest.t
                 first, second = turns(c, L)
                 for n in range(4):
                     u = real(0.0)

@@ -252,3 +252,17 @@ def test_what_it_cannot_do():
     assert np.all(np.isnan(image.depth()))
     picked = image.pick(4, 4)
     assert picked.value == image.values[4, 4] and np.all(np.isnan(picked.position))
+
+
+@pytest.mark.parametrize("what", ["max", "min"])
+def test_an_edge_that_is_touched_is_not_of_the_ray(what):
+    """Of the one cell that is present a ray meets an edge, over no length: it sees nothing."""
+    samples = np.full((4, 4, 4), np.nan, np.float32)
+    samples[:2, :2, :2] = 1.0
+    volume = wvr.Volume(samples, nan="transparent")
+    edge, forward = np.array([1.0, 1.0, 0.5]), np.array([1.0, -1.0, 0.0])
+    for aside, seen in ((0.0, False), (-0.1, True)):
+        target = edge + aside * np.array([1.0, 1.0, 0.0])
+        camera = wvr.Camera(target - 10 * forward, target, (0, 0, 1), parallel_scale=1.0)
+        image = wvr.render(volume, SPAN, camera, (1, 1), integrator=wvr.Projection(what))
+        assert np.isfinite(image.values[0, 0]) == seen
