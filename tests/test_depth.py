@@ -199,3 +199,12 @@ def test_bad_input():
     changing.changed()
     with pytest.raises(ValueError, match="wrote into since"):
         image.depth()
+
+
+def test_masked_depths_end_nothing():
+    volume = centered(np.full((8, 8, 8), 200, np.uint8))
+    camera = CAMERAS["parallel"](volume)
+    free = wvr.render(volume, FOG, camera, (9, 7))
+    mask = np.arange(63).reshape(7, 9) % 2 == 0
+    ended = wvr.render(volume, FOG, camera, (9, 7), depth=np.ma.masked_array(np.zeros((7, 9)), mask))
+    assert np.array_equal(ended.rgba[mask], free.rgba[mask]) and not ended.rgba[~mask].any()

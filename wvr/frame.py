@@ -254,6 +254,8 @@ def ends_of(depth: Any, size: tuple[int, int]) -> NDArray[np.float64] | None:
         return None
     width, height = size
     ends = float_array(depth, "depth")
+    if isinstance(depth, np.ma.MaskedArray):
+        ends = np.where(np.ma.getmaskarray(depth), np.inf, ends)
     if ends.shape != (height, width):
         raise ValueError(
             f"depth must have the shape (height, width) = {(height, width)} of the image, got {ends.shape}"

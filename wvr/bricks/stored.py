@@ -92,6 +92,12 @@ class Samples:
         part = np.asarray(self.array[tuple(key)])
         left = [axis for axis in range(len(key)) if axis not in dict(self.fixed)]
         part = part.transpose([left.index(axis) for axis in self.axes])
+        wide = part.dtype.kind in "iu" and part.dtype.itemsize == 8 and part.size > 0
+        if wide and max(-int(part.min()), int(part.max())) > 2**53:
+            raise ValueError(
+                f"{self.name} has samples of {part.dtype} beyond 2**53, which float64 does not hold: subtract what "
+                f"they have in common first"
+            )
         if self.scale != (1.0, 0.0):
             part = part * np.float64(self.scale[0]) + self.scale[1]
         return np.ascontiguousarray(part, self.dtype)

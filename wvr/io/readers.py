@@ -236,5 +236,7 @@ def _read_folder(path: Path, scalars: str | None) -> Grid:
     if images and dicom:
         raise Unsupported(f"{path} holds {len(images)} images and {len(dicom)} DICOM files; keep one kind")
     if not images and not dicom:
-        raise FileNotFoundError(errno.ENOENT, "no TIFF, PNG, JPEG, BMP or DICOM images in the folder", str(path))
+        raise FileNotFoundError(
+            errno.ENOENT, "no TIFF, PNG, JPEG, BMP or DICOM images in the folder (wvr.open is for zarr)", str(path)
+        )
     return read_slices(path) if images else read_dicom_folder(path)
