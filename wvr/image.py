@@ -366,6 +366,8 @@ class Image:
         parts = [f"{width} x {height}", f"{_counted(int(self.samples.sum(dtype=np.int64)))} samples"]
         if "seconds" in self.stats:
             parts.append(f"{self.stats['seconds']:.3g} s")
+        if self.error_bound is not None:
+            parts.append(f"errors up to {self.max_error:.2g}")
         return f"Image({', '.join(parts)})"
 
 
