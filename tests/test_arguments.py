@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import wvr
+from wvr.validation import at_most
 
 VOLUME = wvr.Volume((np.arange(64, dtype=np.uint8) * 4).reshape(4, 4, 4))
 TF = wvr.TransferFunction([(0, "black", 0.0), (255, "white", 0.9)])
@@ -199,3 +200,8 @@ def test_what_a_renderer_has_not_is_not_assigned():
     assert renderer.integrator == wvr.Certified(1e-3) and renderer.tolerance == 1e-3
     with pytest.raises(ValueError, match="tolerance must be below 1"):
         renderer.tolerance = 2
+
+
+@pytest.mark.parametrize("bound", [0.0, 1e-3, 0.00125, 0.00120001, 9.95e-5, 3.3e-16, 1.0000001, np.inf])
+def test_bounds_are_printed_rounded_up(bound):
+    assert bound <= float(at_most(bound)) <= 1.1 * bound

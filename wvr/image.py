@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .color import is_clear, linear_rgb, linear_to_srgb, srgb_to_linear
 from .display import Shown, plot
 from .files import known_suffix, whole_file
-from .validation import any_array, path_of, share
+from .validation import any_array, at_most, path_of, share
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -367,7 +367,7 @@ class Image:
         if "seconds" in self.stats:
             parts.append(f"{self.stats['seconds']:.3g} s")
         if self.error_bound is not None:
-            parts.append(f"errors up to {self.max_error:.2g}")
+            parts.append(f"errors up to {at_most(self.max_error)}")
         return f"Image({', '.join(parts)})"
 
 

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
+from math import ceil, floor, log10
 from pathlib import Path
 from typing import Any
 
@@ -128,6 +129,14 @@ def float_array(values: ArrayLike, name: str) -> NDArray[np.float64]:
             return array.astype(np.float64)
     except (TypeError, ValueError, OverflowError):
         raise TypeError(f"{name} must be numbers, got {values!r}") from None
+
+
+def at_most(bound: float) -> str:
+    """A bound >= 0 in two digits, rounded up, so that it is one."""
+    if not 0 < bound < np.inf:
+        return f"{bound:g}"
+    digit = 10.0 ** (floor(log10(bound)) - 1)
+    return f"{ceil(bound / digit * (1 - 1e-12)) * digit:.2g}"
 
 
 def choice(value: Any, name: str, accepted: Sequence[str | None]) -> Any:

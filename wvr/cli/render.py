@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from ..defaults import framed_by
 from ..image import PIXEL_WRITERS
+from ..validation import at_most
 from .look import Look
 from .options import Lens, Vector, camera_of
 from .source import Reading, check_kept
@@ -80,7 +81,7 @@ def render(
         else:
             image.save(output)
     samples, seconds = image.stats["samples"], image.stats["seconds"]
-    bound = "" if image.error_bound is None else f", errors up to {image.error_bound.max():.2g}"
+    bound = "" if image.error_bound is None else f", errors up to {at_most(image.max_error)}"
     if bound and (keywords["lighting"] or keywords["shadows"]):
         bound += " but for light"
     report = f"{output}: {width} x {height}, {samples:,} samples, {seconds:.3g} s{bound}"

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from math import ceil, floor, inf, isinf, log10
+from math import inf, isinf
 from typing import TYPE_CHECKING, Any, ClassVar
 from weakref import WeakKeyDictionary
 
@@ -29,7 +29,7 @@ from ..transfer.nodes import nodes_array
 from ..transfer.rows import FittedRows
 from ..transfer.simplify import SimplifiedTransfer
 from ..transfer_function import TransferFunction
-from ..validation import below_one, define
+from ..validation import at_most, below_one, define
 from .base import Integrator
 
 if TYPE_CHECKING:
@@ -264,7 +264,7 @@ class Certified(Integrator):
             )
             bright = f" for colours up to {scene.brightest:.3g}" if scene.brightest > 1 else ""
             raise ValueError(
-                f"tolerance must be at least {_rounded_up(least):.2g}{bright}{farther}, or rounding exceeds it; "
+                f"tolerance must be at least {at_most(least)}{bright}{farther}, or rounding exceeds it; "
                 f"got {self.tolerance!r}"
             )
 
@@ -276,8 +276,8 @@ class Certified(Integrator):
         if over and frame.scene.termination is None and not frame.partly:
             warnings.warn(
                 f"{over} of {frame.error_bound.size} rays are bounded by more than the tolerance {self.tolerance:g}, "
-                f"at most by {frame.error_bound.max():.2g}: along jumps or very steep slopes of the transfer function, "
-                "surfaces of clips and boundaries of labels rounding alone may do that; image.error_bound says where",
+                f"at most by {at_most(float(frame.error_bound.max()))}: along jumps or very steep slopes of the "
+                "transfer function, surfaces of clips and boundaries of labels rounding alone may do that; image.error_bound says where",
                 RuntimeWarning,
                 stacklevel=6,
             )
@@ -285,12 +285,6 @@ class Certified(Integrator):
             "bound_covers": f"{covered}: where rays ended, a simpler transfer function, series and rounding",
             "rays_over_tolerance": over,
         }
-
-
-def _rounded_up(number: float) -> float:
-    """To two digits."""
-    digit = 10.0 ** (floor(log10(number)) - 1)
-    return ceil(number / digit) * digit
 
 
 def blur(scene: Scene) -> float:

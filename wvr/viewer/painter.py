@@ -14,6 +14,7 @@ from ..image import Image
 from ..integrators import Certified, Preintegrated
 from ..light.shadows import ConvolutionShadows
 from ..renderer import Renderer
+from ..validation import at_most
 from .marks import marked
 from .pace import Pace, shrunk
 from .state import Scene, Source, State
@@ -70,7 +71,7 @@ class Picture:
         bound = image.max_error
         light = self.state.scene.lights()
         but = ", but for light" if any(light) else ""
-        text = f"error ≤ {bound:.2g}{but}"
+        text = f"error ≤ {at_most(bound)}{but}"
         if not self.whole or self.tolerance is None:
             return text
         return f"{text}, {'within' if self.met else 'not within'} the tolerance {self.tolerance:.3g}"
