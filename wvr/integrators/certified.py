@@ -277,7 +277,8 @@ class Certified(Integrator):
             warnings.warn(
                 f"{over} of {frame.error_bound.size} rays are bounded by more than the tolerance {self.tolerance:g}, "
                 f"at most by {at_most(float(frame.error_bound.max()))}: along jumps or very steep slopes of the "
-                "transfer function, surfaces of clips and boundaries of labels rounding alone may do that; image.error_bound says where",
+                "transfer function, surfaces of clips and boundaries of labels rounding alone may do that; "
+                "image.error_bound says where",
                 RuntimeWarning,
                 stacklevel=6,
             )
