@@ -19,7 +19,7 @@ def run(monkeypatch, tmp_path, capsys):
         monkeypatch.setattr(sys, "argv", ["wvr", *map(str, arguments)])
         code = cli.main()
         out, err = capsys.readouterr()
-        return code, out, re.sub("^wvr: compiling .*\n", "", err, flags=re.MULTILINE)
+        return code, out, re.sub("^wvr: compiling .* ahead\\)\n", "", err, flags=re.MULTILINE)
 
     return run
 
