@@ -95,17 +95,7 @@ class Volume(Field):
     ):
         choice(axes, "axes", get_args(Axes))
         self._data = _as_data(array, axes)
-        self.spacing = finite_vector(spacing, "spacing", "lengths > 0 along x, y, z")
-        if np.any(self.spacing <= 0):
-            raise ValueError(f"spacing must be > 0 along x, y and z, got {tuple(self.spacing.tolist())}")
-        if self.spacing.min() < 1 / FARTHEST or self.spacing.max() > FARTHEST:
-            raise ValueError(
-                f"spacing must be from {1 / FARTHEST:g} to {FARTHEST:g}, got {tuple(self.spacing.tolist())}"
-            )
-        self.origin = finite_vector(origin, "origin", "the position of sample (0, 0, 0)")
-        if np.abs(self.origin).max() > FARTHEST:
-            raise ValueError(f"origin must be within {FARTHEST:g}, got {tuple(self.origin.tolist())}")
-        self.direction = direction_of(np.eye(3) if direction is None else direction)
+        self.spacing, self.origin, self.direction = pose_of(spacing, origin, direction)
         self.nan = choice(nan, "nan", ("error", "transparent"))
         self._device_arrays: dict[str, wp.array] = {}
         self._scaled: dict[int, Volume] = {}
@@ -330,6 +320,21 @@ def _writable(array: NDArray) -> bool:
             return False
         array = array.base
     return True
+
+
+def pose_of(
+    spacing: ArrayLike, origin: ArrayLike, direction: ArrayLike | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Spacing, origin and direction of a grid, as numbers that images can be made with."""
+    steps = finite_vector(spacing, "spacing", "lengths > 0 along x, y, z")
+    if np.any(steps <= 0):
+        raise ValueError(f"spacing must be > 0 along x, y and z, got {tuple(steps.tolist())}")
+    if steps.min() < 1 / FARTHEST or steps.max() > FARTHEST:
+        raise ValueError(f"spacing must be from {1 / FARTHEST:g} to {FARTHEST:g}, got {tuple(steps.tolist())}")
+    first = finite_vector(origin, "origin", "the position of sample (0, 0, 0)")
+    if np.abs(first).max() > FARTHEST:
+        raise ValueError(f"origin must be within {FARTHEST:g}, got {tuple(first.tolist())}")
+    return steps, first, direction_of(np.eye(3) if direction is None else direction)
 
 
 def direction_of(matrix: ArrayLike) -> NDArray[np.float64]:

@@ -355,3 +355,18 @@ def test_a_store_over_http(store):
         shutil.rmtree(store)
     finally:
         server.shutdown()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"spacing": (1e-150, 1, 1e-45)}, "spacing must be from"),
+        ({"spacing": (1, 0, 1)}, "spacing must be > 0"),
+        ({"origin": (-1e300, 0, 0)}, "origin must be within"),
+    ],
+)
+def test_what_is_refused_of_volumes_is_of_stores(given, message):
+    array = np.zeros((4, 4, 4), np.uint8)
+    for make in (wvr.Volume, wvr.open):
+        with pytest.raises(ValueError, match=message):
+            make(array, **given)

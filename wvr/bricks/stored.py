@@ -16,8 +16,8 @@ from ..field.base import Field
 from ..keep import Keeper
 from ..kernels.field.grid import Grid
 from ..samples import DTYPES, NanPolicy
-from ..validation import choice, finite_vector
-from ..volume import Volume, direction_of
+from ..validation import choice
+from ..volume import Volume, pose_of
 from .grid import Index
 from .ranges import BlockRanges
 
@@ -138,11 +138,7 @@ class StoredVolume(Field):
         anatomical: str = "",
     ):
         self.samples = samples
-        self.spacing = finite_vector(spacing, "spacing", "lengths > 0 along x, y, z")
-        if np.any(self.spacing <= 0):
-            raise ValueError(f"spacing must be > 0 along x, y and z, got {tuple(self.spacing.tolist())}")
-        self.origin = finite_vector(origin, "origin", "the position of sample (0, 0, 0)")
-        self.direction = direction_of(np.eye(3) if direction is None else direction)
+        self.spacing, self.origin, self.direction = pose_of(spacing, origin, direction)
         self.nan = choice(nan, "nan", ("error", "transparent"))
         self.anatomical = anatomical
         self.ranges: BlockRanges | None = None
