@@ -236,7 +236,7 @@ def _check_colors(colors: Any) -> None:
 def _suggestion(volume: Field) -> Suggestion:
     if not isinstance(volume, Volume):
         raise TypeError(
-            f"transfer_function must be given: a {type(volume).__name__} without coarser levels has no samples to "
+            f"transfer_function must be given: a {type(volume).__name__} has no samples in memory to "
             f'suggest opacities from; a colour map with its range is one: "viridis", clim=(0, 255), opacity="linear"'
         )
     return suggestion(volume)
