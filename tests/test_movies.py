@@ -6,6 +6,7 @@ from PIL import Image as PillowImage
 from PIL import ImageSequence
 
 import wvr
+from wvr.views import suggested_view
 
 SIZE = (24, 18)
 FAST = {"size": SIZE, "integrator": wvr.Riemann(1.0)}
@@ -93,10 +94,10 @@ def test_an_orbit_is_counter_clockwise_and_keeps_its_distance(volume):
     images = list(wvr.orbit(volume, frames=4, elevation=30, **FAST))
     cameras = [image.shown.camera for image in images]
     towards = np.array([-camera.basis()[2] for camera in cameras])
-    level = np.cos(np.pi / 6)
-    np.testing.assert_allclose(
-        towards, [[level, 0, 0.5], [0, level, 0.5], [-level, 0, 0.5], [0, -level, 0.5]], atol=1e-12
-    )
+    # From the side that the suggested view is from.
+    front, level = suggested_view(volume).direction * [1, 1, 0], np.cos(np.pi / 6)
+    x, y, _ = level * front / np.linalg.norm(front)
+    np.testing.assert_allclose(towards, [[x, y, 0.5], [-y, x, 0.5], [-x, -y, 0.5], [y, -x, 0.5]], atol=1e-12)
     distances = [np.linalg.norm(camera.position - camera.target) for camera in cameras]
     np.testing.assert_allclose(distances, distances[0])
     for image in images:
@@ -104,6 +105,13 @@ def test_an_orbit_is_counter_clockwise_and_keeps_its_distance(volume):
         alpha = image.rgba[..., 3] > 0.05
         assert not alpha[[0, -1]].any() and not alpha[:, [0, -1]].any() and np.ptp(np.nonzero(alpha)[0]) > 10
     np.testing.assert_allclose(images[0].rgba, images[2].rgba, atol=0.05)  # a sphere
+
+
+def test_what_stands_is_upright_all_the_way_around():
+    values = np.zeros((12, 12, 12), np.uint8)
+    values[3:9, :2, 3:9] = values[5:7, :9, 5:7] = 200  # on a face of the lowest y
+    for image in wvr.orbit(values, frames=3, elevation=0, **FAST):
+        np.testing.assert_allclose(image.shown.camera.basis()[1], (0, 1, 0), atol=1e-12)
 
 
 def test_an_orbit_takes_what_render_takes(volume, tmp_path):

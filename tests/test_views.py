@@ -7,7 +7,7 @@ import pyvista as pv
 from hypothesis import strategies as st
 
 import wvr
-from wvr.defaults import camera_of
+from wvr.defaults import Call, camera_of
 from wvr.framing import MARGIN, framed, visible_points
 from wvr.views import NAMES, WORLD, named_view, suggested_view
 
@@ -154,19 +154,41 @@ def test_what_stands_on_a_side_is_seen_upright(axis, side):
     plate = [slice(4, 28)] * 3
     plate[2 - axis] = slice(0, 3) if side < 0 else slice(29, 32)
     values[tuple(plate)] = 100
-    view = suggested_view(wvr.Volume(values), SEEN)
+    view = suggested_view(wvr.Volume(values))
     np.testing.assert_array_equal(view.up, np.eye(3)[axis] * -side)
     assert 0 < view.direction @ view.up < np.linalg.norm(view.direction)
+
+
+def test_a_view_is_the_same_whatever_a_volume_is_seen_with():
+    """A bright ball on a plate that only some transfer functions show, beneath a dark lid that only others do."""
+    values = np.zeros((32, 32, 32), np.uint8)
+    z, y, x = np.ogrid[:32, :32, :32]
+    values[29:, 4:28, 4:28] = 60
+    values[(x - 16) ** 2 + (y - 16) ** 2 + (z - 16) ** 2 < 60] = 200
+    values[4:28, :3, 4:28] = 200
+    volume = wvr.Volume(values)
+    labels = wvr.Segmentation(wvr.Volume((values > 100).astype(np.uint8)), {1: SEEN})
+    lid = wvr.TransferFunction([(40, "red", 0.0), (50, "red", 0.5), (70, "red", 0.5), (80, "red", 0.0)])
+    bright = wvr.TransferFunction([(150, "red", 0.0), (160, "red", 0.5)])
+    wanted = suggested_view(volume)
+    for shown in (None, lid, bright, "ct-bone", "viridis", labels):
+        call = Call(segmentation=labels) if shown is labels else Call(shown)
+        for method in (None, wvr.Projection("max"), wvr.Isosurface(100)):
+            right, up, forward = call._replace(integrator=method).look(volume, (8, 8)).camera.basis()
+            assert -forward @ wanted.direction == pytest.approx(np.linalg.norm(wanted.direction))
+            assert abs(right @ wanted.up) < 1e-12 and up @ wanted.up > 0.5
+    values[:] = np.flip(values, 1)  # what was known of other samples is not
+    np.testing.assert_array_equal(suggested_view(volume).up, -wanted.up)
 
 
 @pytest.mark.parametrize("axis", range(3))
 def test_what_is_tall_stands_and_what_is_flat_is_seen_from_its_face(axis):
     low, high = [16, 16, 16], [24, 24, 24]
     low[axis], high[axis] = 4, 36
-    np.testing.assert_array_equal(suggested_view(box(low, high), SEEN).up, np.eye(3)[axis])
+    np.testing.assert_array_equal(suggested_view(box(low, high)).up, np.eye(3)[axis])
     low, high = [4, 4, 4], [36, 36, 36]
     low[axis], high[axis] = 18, 22
-    view = suggested_view(box(low, high), SEEN)
+    view = suggested_view(box(low, high))
     # From its face where it lies on the ground, else upright.
     if axis == 2:
         assert view.direction[2] > 0.8 * np.linalg.norm(view.direction)
@@ -174,7 +196,7 @@ def test_what_is_tall_stands_and_what_is_flat_is_seen_from_its_face(axis):
 
 def test_simulations_have_z_upwards():
     volume = box((2, 16, 16), (38, 24, 24))
-    np.testing.assert_array_equal(suggested_view(wvr.Volume(volume.numpy().astype(np.float32)), SEEN).up, (0, 0, 1))
+    np.testing.assert_array_equal(suggested_view(wvr.Volume(volume.numpy().astype(np.float32))).up, (0, 0, 1))
 
 
 def test_a_single_slice_is_seen_along_its_normal():
@@ -182,12 +204,12 @@ def test_a_single_slice_is_seen_along_its_normal():
         shape = [9, 9, 9]
         shape[2 - axis] = 1
         volume = wvr.Volume(np.full(shape, 100, np.uint8))
-        view = suggested_view(volume, SEEN)
+        view = suggested_view(volume)
         np.testing.assert_allclose(np.abs(view.direction), np.eye(3)[axis])
         assert view.up @ view.direction == 0
         volume.anatomical = "LPS"
         expected = {0: "left", 1: "anterior", 2: "inferior"}[axis]
-        np.testing.assert_array_equal(suggested_view(volume, SEEN), named_view(expected, volume))
+        np.testing.assert_array_equal(suggested_view(volume), named_view(expected, volume))
 
 
 def test_orbits():

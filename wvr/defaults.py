@@ -78,6 +78,7 @@ class Call(NamedTuple):
         if not isinstance(self.segmentation, Segmentation | None):
             kind = type(self.segmentation).__name__
             raise TypeError(f"segmentation must be a Segmentation or None, got {kind}")
+        volume.look()
         chosen: Suggestion | None = None
         function: TransferFunction | None = None
         # What is in a store is looked at in fewer samples, if there are such.
@@ -270,7 +271,7 @@ def camera_of(
         return given
     view: View | None = None
     if given is None:
-        view = suggested_view(volume, shown)
+        view = suggested_view(volume)
     elif isinstance(given, str):
         if given not in NAMES:
             raise ValueError(f"camera must be one of {', '.join(NAMES)}, got {given!r}{near(given, NAMES)}")

@@ -23,7 +23,7 @@ from .keywords import MovieOptions, refuse
 from .renderer import Renderer
 from .sources import as_volume
 from .validation import any_array, integer, path_of, positive, within
-from .views import front_and_up
+from .views import View, suggested_view
 from .volume import Volume
 
 if TYPE_CHECKING:
@@ -81,7 +81,8 @@ def orbit(
     size
         (width, height) in pixels.
     elevation
-        Of the camera above the horizon [degrees].
+        Of the camera above the horizon [degrees]; the horizon, and the side where it begins, are those of the view
+        that ``render`` chooses.
     turn
         How far it goes, counter-clockwise as seen from above [degrees].
     fps
@@ -129,11 +130,18 @@ def orbit(
     return save_movie(images(), output, fps, frames)
 
 
+def _level(view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Unit vectors: where a view is from, on the horizon, and upwards."""
+    up = view.up / np.linalg.norm(view.up)
+    front = view.direction - (view.direction @ up) * up
+    return front / np.linalg.norm(front), up
+
+
 def _around(
     points: NDArray[np.float64], volume: Any, frames: int, elevation: float, turn: float, aspect: float
 ) -> Iterator[Camera]:
     """Cameras at one distance, on which all points are in all frames."""
-    front, up = front_and_up(volume)
+    front, up = _level(suggested_view(volume))
     above = np.radians(elevation)
 
     def direction(n: int) -> NDArray[np.float64]:

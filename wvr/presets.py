@@ -62,10 +62,11 @@ def preset(name: PresetName, domain: tuple[float, float] | None = None) -> Trans
 def suggest(volume: Volume) -> dict[str, TransferFunction]:
     """Transfer functions fitted to the volume's own histogram, the best default first.
 
-    The background, which is the largest mode of the histogram with its noise, is transparent; what is above it (below,
-    where the background is the brighter end) is seen in four bands whose opacities follow from how much of each there
-    is along a ray. ``"bands"`` has a colour for each: green, brown, gold, ivory; ``"warm"`` is a ramp from dark red to
-    light yellow; ``"surfaces"`` is three isosurfaces.
+    By the kind of data that the samples look like: ``"labels"``, ``"tissues"`` (CT in Hounsfield units),
+    ``"deviation"`` (of what is everywhere). And of any: the background, the commonest value at the rim with noise, is
+    transparent; what is above it (below, where the background is the brighter end) is seen in four bands whose
+    opacities follow from how much of each there is along a ray. ``"bands"`` has a colour for each: green, brown, gold,
+    ivory; ``"warm"`` is a ramp from dark red to light yellow; ``"surfaces"`` is three isosurfaces.
 
     Parameters
     ----------
@@ -82,4 +83,4 @@ def suggest(volume: Volume) -> dict[str, TransferFunction]:
     """
     if not isinstance(volume, Volume):
         raise TypeError(f"volume must be a Volume, got {type(volume).__name__}")
-    return suggestion(volume).functions
+    return dict(suggestion(volume).functions)

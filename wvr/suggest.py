@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,9 +52,21 @@ class Suggestion(NamedTuple):
     surfaces: bool
 
 
+# Of volumes that are still there, with the version of their samples.
+_made: WeakKeyDictionary[Volume, tuple[int, Suggestion]] = WeakKeyDictionary()
+
+
 def suggestion(volume: Volume) -> Suggestion:
-    """For a volume; see :func:`wvr.presets.suggest`."""
-    found = Statistics.of(volume)
+    """For a volume; see :func:`wvr.presets.suggest`. Made once for the samples that there are."""
+    volume.look()
+    version, made = _made.get(volume, (-1, None))
+    if made is None or version != volume.version:
+        made = _suggested(Statistics.of(volume))
+        _made[volume] = volume.version, made
+    return made
+
+
+def _suggested(found: Statistics) -> Suggestion:
     makers: dict[Kind, Callable[[Statistics], Suggestion]] = {
         "labels": _labels,
         "ct": _tissues,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .field.base import Field
-from .framing import FAINT, Showing, visible_depths
+from .framing import FAINT, visible_depths
+from .suggest import suggestion
 
 Floats = NDArray[np.float64]
 ViewName = Literal[
@@ -85,8 +86,8 @@ def front_and_up(volume: Field) -> tuple[Floats, Floats]:
     return np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
-def suggested_view(volume: Field, shown: Showing) -> View:
-    """A view that suits what is visible with a transfer function, or labels.
+def suggested_view(volume: Field) -> View:
+    """A view that suits what is in a volume, whatever transfer function it is seen with.
 
     A patient is seen from the front, the head above; a single slice along its normal. Of other data no file says where
     up is. Things stand on something, or go on, at one face of the box much more than at the one across: that is
@@ -107,12 +108,8 @@ def suggested_view(volume: Field, shown: Showing) -> View:
         return View(of_patient(towards, anatomical), of_patient((0, 0, 1), anatomical))
     if not hasattr(volume, "host") or len(thin):
         return View(np.array([1.0, 0.6, 0.4]), np.array([0.0, 0.0, 1.0]))
-    depths, width = visible_depths(volume, shown)
-    depths = depths.transpose()  # x, y, z
-    seen = depths > FAINT
+    seen, width = _usually_seen(volume)
     steps = width * np.linalg.norm(volume.index_to_world[:3, :3], axis=0)
-    if not seen.any():
-        seen[:] = True
     extent = np.array([np.ptp(np.nonzero(seen)[axis]) + 1 for axis in range(3)]) * steps
     # Scans are of whole numbers; what floats are simulated of, seldom stands.
     up, sign = _upwards(seen, extent) if getattr(volume, "whole", False) else (2, 1)
@@ -129,6 +126,17 @@ def suggested_view(volume: Field, shown: Showing) -> View:
     if extent[up] * FLAT < np.sort(extent)[1]:
         weights[up], weights[front], weights[other] = sign, 0.5 * side, 0.25 * across
     return View(axes @ weights, axes[:, up] * sign)
+
+
+def _usually_seen(volume: Any) -> tuple[NDArray[np.bool_], int]:
+    """Blocks [x, y, z] in which there is something to see of what is suggested, and samples along one."""
+    try:
+        function = next(iter(suggestion(volume).functions.values()))
+    except ValueError:  # samples that are all the same
+        return np.ones((1, 1, 1), bool), max(volume.shape)
+    depths, width = visible_depths(volume, function)
+    seen = depths.transpose() > FAINT
+    return seen if seen.any() else np.ones_like(seen), width
 
 
 def _of_slice(axes: Floats, normal: int, anatomical: str) -> View:

@@ -127,12 +127,12 @@ def clips_of(planes: list[str] | None, boxes: list[str] | None, balls: list[str]
     ]
 
 
-def view_of(volume: Volume, shown: Showing, direction: str | None, up: str | None) -> View:
+def view_of(volume: Volume, direction: str | None, up: str | None) -> View:
     """Where it is seen from: as suggested, but for what is given."""
     from ..views import View, suggested_view
 
     if direction is None and up is None:
-        return suggested_view(volume, shown)
+        return suggested_view(volume)
     upward = (0.0, 0.0, 1.0) if up is None else AXES.get(up) or numbers(up, "--up", "0,0,1")
     towards = _default_direction(upward) if direction is None else numbers(direction, "--direction", "1,0.6,0.4")
     if not np.any(towards):
@@ -155,7 +155,7 @@ def camera_of(
     camera, direction, up = place
     view_angle, parallel, aspect = lens
     if camera is None:
-        view = view_of(volume, shown, direction, up)
+        view = view_of(volume, direction, up)
         return framed(visible_points(volume, shown, clips), *view, view_angle, aspect, parallel)
     if direction is not None:
         raise ValueError("give --camera or --direction, not both")
@@ -166,7 +166,7 @@ def camera_of(
             )
         view = named_view(camera, volume)
         if up is not None:
-            view = view._replace(up=view_of(volume, shown, None, up).up)
+            view = view._replace(up=view_of(volume, None, up).up)
         return framed(visible_points(volume, shown, clips), *view, view_angle, aspect, parallel)
     at = numbers(camera, "--camera", "300,200,100,0,0,0")
     upward = AXES.get(up or "z") or numbers(up or "", "--up", "0,0,1")

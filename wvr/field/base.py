@@ -54,6 +54,9 @@ class Field(ABC):
     #: Bytes of its samples.
     nbytes: int = 0
 
+    def look(self) -> None:  # noqa: B027 - most have nothing to notice
+        """Notice samples that changed since this was called last; for fields that have some."""
+
     def missing_on(self, device: wp.Device) -> int:
         """Bytes of its samples that are not on a device yet, and will be."""
         return 0 if device.is_cpu else self.nbytes
