@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 SUGGESTED = ("bands", "warm", "surfaces", "labels", "tissues", "deviation")
 # What is behind a volume where nothing at all was said of colours.
 BACKGROUND = "black"
-# Colours where nothing was said of them and opacities do not matter.
-GREY = "gray"
 # Of a scan in Hounsfield units there is something below, unless it is cropped to soft tissue.
 AIR = -20
 
@@ -83,19 +81,20 @@ class Call(NamedTuple):
         function: TransferFunction | None = None
         # What is in a store is looked at in fewer samples, if there are such.
         seen: Any = getattr(volume, "preview", None) or volume
-        domain = domain_of(self.integrator, seen)
+        method = self.integrator
         if self.transfer_function is not None or self.segmentation is None:
-            function, chosen = function_of(self.transfer_function, seen, self.opacity, self.clim, domain)
+            function, chosen = function_of(self.transfer_function, seen, self.opacity, self.clim, method)
             if chosen is not None and seen is not volume and function.unit_distance is None:
                 function = function.per(seen.smallest_spacing)
             function = function.for_volume(volume)
-        shown: Any = None if function is None else framed_by(self.integrator, function)
+        shown: Any = None if function is None else framed_by(method, function)
         if self.segmentation is not None:
             shown = self.segmentation.for_volume(volume)
         camera = camera_of(self.camera, seen, shown, size[0] / size[1], clip_list(self.clip))
-        surfaces = has_surfaces(self.integrator, chosen) and not volume.stored
+        surfaces = has_surfaces(method, chosen) and not volume.stored
         lighting = lighting_of(self.lighting, surfaces, camera)
-        suggested = chosen is not None or (domain is not None and self.transfer_function is None)
+        plain = self.transfer_function is None and domain_of(method, seen) is not None
+        suggested = chosen is not None or plain
         background = BACKGROUND if self.background is None and suggested else self.background
         return Look(function, camera, lighting, shadows_of(self.shadows, lighting, camera), background)
 
@@ -122,7 +121,7 @@ def function_of(
     volume: Field,
     opacity: Opacity | None = None,
     clim: Sequence[float] | float | None = None,
-    domain: tuple[float, float] | None = None,
+    method: Integrator | None = None,
 ) -> tuple[TransferFunction, Suggestion | None]:
     """The transfer function that is meant, and the suggestion it is from if opacities are not given.
 
@@ -133,8 +132,8 @@ def function_of(
         suggestion, or a .json file; None is the first suggestion.
     opacity, clim
         Those of a colour map, as of ``from_colormap``; by default opacities are suggested, and it spans the volume.
-    domain
-        What colours are over by default, grey ones if nothing is said of them, where opacity is to be 1.
+    method
+        The integrator: where it says what colours are over by default, and which, opacity is 1.
     """
     if isinstance(given, TransferFunction) or _are_points(given):
         _refuse("opacity", opacity, "a transfer function has its own")
@@ -152,12 +151,15 @@ def function_of(
             return made, None
         _refuse("clim", clim, f"{given!r} has its own scalars")
         return TransferFunction.load(given), None
+    domain = domain_of(method, volume)
     if domain is not None and not (isinstance(given, str) and given in SUGGESTED):
         low, high = domain if clim is None else _limits(clim)
-        _check_colors(GREY if given is None else given)
+        assert method is not None
+        colors: Any = method.colors if given is None else given
+        _check_colors(colors)
         limits = (low, high if low < high else low + 1.0)
         strengths: Any = 1.0 if opacity is None else opacity
-        return TransferFunction.from_colormap(GREY if given is None else given, limits, strengths), None
+        return TransferFunction.from_colormap(colors, limits, strengths), None
     if given is None and opacity is None and clim is None:
         chosen = _suggestion(volume)
         return next(iter(chosen.functions.values())), chosen
@@ -170,7 +172,7 @@ def function_of(
                 f"transfer_function must be one of {', '.join(chosen.functions)} for such data, got {given!r}"
             )
         return chosen.functions[given], chosen
-    colors: Any = "viridis" if given is None else given
+    colors = "viridis" if given is None else given
     limits = volume.range if clim is None else _limits(clim)
     _check_colors(colors)
     if opacity is not None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import wvr
+from wvr.defaults import Call
 
 from ..helpers import centered
 from ..scenes import volumes
@@ -228,11 +229,20 @@ def test_where_rounding_decides_the_bound_says_so():
 
 
 def test_one_line():
-    """Grey over the range of what there is, opaque, lit, and framed."""
+    """Opaque, lit, framed, and as bright whatever the value; surfaces that go together differ."""
     volume = wvr.datasets.load("blobs", 24)
-    image = wvr.render(volume, size=(16, 16), integrator=wvr.Isosurface(120))
-    assert image.background == "black" and image.rgba[..., 3].max() == 1
-    assert np.ptp(image.rgba[image.rgba[..., 3] == 1][:, 0]) > 0.1
+    low, high = volume.range
+    for level in (low + 0.05 * (high - low), low + 0.6 * (high - low)):
+        image = wvr.render(volume, size=(16, 16), integrator=wvr.Isosurface(level))
+        assert image.background == "black" and image.rgba[..., 3].max() == 1
+        shown = image.to_uint8()[image.rgba[..., 3] == 1]
+        assert np.ptp(shown[:, 0]) > 40 and 120 < np.median(shown) and np.quantile(shown, 0.9) < 254
+    several = Call(integrator=wvr.Isosurface([90, 120, 140])).look(volume, (8, 8)).transfer_function
+    colors = several.color([90, 120, 140])
+    assert (
+        min(np.abs(colors[a] - colors[b]).max() for a, b in ((0, 1), (0, 2), (1, 2))) > 0.2
+        and colors.max(1).min() > 0.5
+    )
     assert repr(wvr.Isosurface([140, 90])) == "Isosurface(values=(90.0, 140.0))"
 
 

@@ -219,7 +219,7 @@ def transfer_function_of(
     method: Integrator | None = None,
 ) -> tuple[TransferFunction, Suggestion | None]:
     """What --tf, --cmap, --opacity and --clim mean, and the suggestion that it is from, if it is."""
-    from ..defaults import domain_of, function_of
+    from ..defaults import function_of
     from ..transfer_function import TransferFunction
 
     if text is not None and cmap is not None:
@@ -238,7 +238,7 @@ def transfer_function_of(
     elif cmap is not None:
         given = cmap.split(",") if "," in cmap else _checked_colormap(cmap)
     try:
-        return function_of(given, volume, strengths, limits, domain_of(method, volume))
+        return function_of(given, volume, strengths, limits, method)
     except ValueError as error:
         # By the names that they have here.
         message = re.sub("^transfer_function must", "--tf must", str(error))

@@ -6,6 +6,7 @@ Lengths are in units of the smallest voxel spacing.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..keep import Keeper, Part
@@ -47,6 +48,9 @@ class Integrator(ABC):
     surfaces: ClassVar[bool | None] = None
     #: Ways of clipping that it has steps for, besides the exact one.
     clips: ClassVar[tuple[str, ...]] = ()
+
+    #: A colour map, or a list of colours, over its ``domain`` where a call says nothing of colours.
+    colors: Sequence[str] | str = "gray"
 
     @property
     @abstractmethod

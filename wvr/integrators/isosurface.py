@@ -23,13 +23,19 @@ if TYPE_CHECKING:
     from ..scene import Scene
 
 
+# Colours of one surface, and of the first to the last of several, all bright enough for light to tell their shape.
+ONE = ("#dccfb4", "#dccfb4")
+SEVERAL = ("#5d8fd0", "#e8a04a", "#fff3dc")
+
+
 @dataclass(frozen=True)
 class Isosurface(Integrator):
     """Surfaces where the trilinear field has a value: every crossing along a ray, in order, each an exact root.
 
     Colour and opacity of a crossing are those that the transfer function has at the value: opacity that of its
-    ``unit_distance``, 1 for a surface that hides what is behind. Surfaces are lit by the gradient of the field, and
-    composited front to back. Where data end, at the faces of the volume, of clips and of labels, there is no surface.
+    ``unit_distance``, 1 for a surface that hides what is behind. Where nothing is said of colours one surface is ivory
+    and several go from blue to ivory; a colour map spans their values. Surfaces are lit by the gradient of the field,
+    and composited front to back. Where data end, at the faces of the volume, of clips and of labels, there is none.
 
     ``image.error_bound`` is that of ``rgba`` without light: where rounding may decide on whether a ray crosses a
     surface, as where it just touches it, the bound has what that would do (docs/projections.md). ``image.depth()`` is
@@ -71,7 +77,12 @@ class Isosurface(Integrator):
         return 0.0
 
     def domain(self, volume: Field) -> tuple[float, float]:
-        return volume.range
+        first, *_, last = (*self._levels, *self._levels)
+        return (first, last) if first < last else volume.range
+
+    @property
+    def colors(self) -> Sequence[str]:  # type: ignore[override]
+        return SEVERAL if len(self._levels) > 1 else ONE
 
     def framed(self, tf: TransferFunction) -> TransferFunction:
         least = self._levels[0]
