@@ -1,8 +1,13 @@
 """Arrays that are written into while a renderer keeps what it made of them: no image is stale, and no bound false."""
 
+import pickle
+import weakref
+
 import numpy as np
 import pytest
+import pyvista as pv
 import warp as wp
+import xarray as xr
 
 import wvr
 
@@ -109,16 +114,89 @@ def test_samples_written_before_the_first_frame():
     assert volume.range == (0, 1)
 
 
-@pytest.mark.parametrize("make", [np.asfortranarray, lambda a: a.astype(">f4"), lambda a: a[::1, ::-1]])
-def test_a_volume_that_copied_its_samples_keeps_them(make):
-    samples = make(zeros())
-    volume = wvr.Volume(samples)
+def cells():
+    """Of PyVista, with integers that no volume keeps."""
+    grid = pv.ImageData(dimensions=(7, 8, 9))
+    grid["values"] = np.zeros(grid.n_points, np.int64)
+    return grid, grid["values"].reshape(9, 8, 7)
+
+
+# (what makes a volume, that of which its samples are a copy, what is written into).
+COPIES = {
+    "Fortran order": lambda: (wvr.Volume, a := np.asfortranarray(zeros()), a),
+    "big-endian": lambda: (wvr.Volume, a := zeros().astype(">f4"), a),
+    "backwards": lambda: (wvr.Volume, (a := zeros())[::1, ::-1], a),
+    "strided": lambda: (wvr.Volume, (a := zeros(shape=(18, 8, 14)))[::2, :, 1::2], a),
+    "Warp": lambda: (wvr.Volume, (a := wp.zeros((9, 8, 14), dtype=float, device="cpu"))[:, :, ::2], a.numpy()),
+    "x, y, z": lambda: (lambda a: wvr.Volume(a, axes="xyz"), a := zeros(), a),
+    "int64": lambda: (wvr.as_volume, a := zeros("int64"), a),
+    "bool": lambda: (wvr.as_volume, a := zeros("bool"), a),
+    "uint32, strided, a time": lambda: (wvr.as_volume, (a := zeros("uint32", (2, 9, 8, 7)))[1:, ::1, :, ::-1], a),
+    "masked": lambda: (wvr.as_volume, a := np.ma.masked_equal(zeros(), 5).copy(), a),
+    "xarray": lambda: (wvr.as_volume, a := xr.DataArray(zeros("int64"), dims=("y", "x", "z")), a.values),
+    "PyVista": lambda: (wvr.as_volume, *cells()),
+}
+
+
+@pytest.mark.parametrize("said", [False, True])
+@pytest.mark.parametrize("name", COPIES)
+def test_samples_written_into_what_was_copied(name, said):
+    make, source, target = COPIES[name]()
+    if name == "masked":
+        source[0, 0, 0] = np.ma.masked
+    volume = make(source)
+    if name == "strided":
+        del source  # a view of what is there
     renderer, camera = wvr.Renderer(volume, TF), wvr.Camera.fit(volume)
-    for said in (False, True):
-        samples[...] = 1
+    assert assert_true(renderer, camera) == 0
+    for value in (1, 0, 1):
+        target[...] = value
         if said:
             volume.changed()
-        assert assert_true(renderer, camera) == 0
+            assert volume.range == (value, value)
+        assert (renderer.render(camera, SIZE).rgba[..., 3].max() > 0.9) == value
+        np.testing.assert_array_equal(volume.numpy(), value)
+        assert_true(renderer, camera)
+
+
+def test_integers_that_need_another_dtype_now():
+    samples = zeros("int64")
+    volume = wvr.as_volume(samples)
+    renderer, camera = wvr.Renderer(volume, TF), wvr.Camera.fit(volume)
+    assert assert_true(renderer, camera) == 0
+    samples[...] = 1
+    samples[0] = 1000
+    renderer.render(camera, SIZE)
+    assert assert_true(renderer, camera) > 0.9
+    assert (volume.dtype, volume.range) == (np.uint16, (1, 1000))
+
+
+def test_what_is_written_into_the_copy_stays():
+    samples = np.asfortranarray(zeros())
+    volume = wvr.Volume(samples)
+    volume.numpy()[...] = 1
+    volume.changed()
+    assert volume.range == (1, 1)
+    samples[...] = 2  # this is newer
+    volume.changed()
+    assert volume.range == (2, 2) and volume.numpy().flags.c_contiguous
+
+
+@pytest.mark.parametrize("make", [lambda: zeros("int64"), lambda: zeros().tolist()])
+def test_a_copy_of_what_is_gone_says_so(make):
+    volume = wvr.as_volume(make())
+    with pytest.warns(UserWarning, match="the samples were copied from what is no longer there"):
+        volume.changed()
+    volume.numpy()[...] = 1
+    volume.changed()
+    assert volume.range == (1, 1)
+
+
+def test_an_array_that_was_copied_is_not_kept():
+    samples = np.asfortranarray(zeros())
+    volume, there = wvr.Volume(samples), weakref.ref(samples)
+    del samples
+    assert there() is None and pickle.loads(pickle.dumps(volume)).range == volume.range == (0, 0)
 
 
 def test_read_only_samples_that_were_written_all_the_same():

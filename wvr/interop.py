@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from .copied import Copied
 from .samples import NanPolicy, components_error, narrowed
 from .volume import Volume
 
@@ -51,9 +52,18 @@ def from_pyvista(image_data: pv.ImageData, scalars: str | None = None, nan: NanP
     direction = np.array([[matrix.GetElement(i, j) for j in range(3)] for i in range(3)])
     spacing = np.array(image.spacing)
     origin, _ = vtk_place(np.array(image.GetExtent()), spacing, np.array(image.origin), direction, on_cells)
-    array = narrowed(np.asarray(values).reshape(size[::-1]))
+    shape = tuple(size[::-1].tolist())
     # VTK allows a negative spacing, which is a reversed axis.
-    return Volume(array, np.abs(spacing), origin, direction * np.where(spacing < 0, -1, 1), nan)
+    place = np.abs(spacing), origin, direction * np.where(spacing < 0, -1, 1)
+    volume = Volume(narrowed(np.asarray(values).reshape(shape)), *place, nan)
+    if np.may_share_memory(volume.host(), values):
+        return volume
+
+    def read(there: pv.ImageData) -> NDArray | None:
+        now = np.asarray(_pick_array(pv.wrap(there), scalars)[0])
+        return now.reshape(shape) if now.size == np.prod(shape) else None
+
+    return volume.copied(Copied(image_data, read, lambda now: np.ascontiguousarray(narrowed(now))))
 
 
 def to_pyvista(volume: Volume) -> pv.ImageData:

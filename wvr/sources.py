@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .copied import Copied, has_memory
 from .field.base import Field
 from .launch import get_device
 from .samples import NanPolicy, narrowed
@@ -135,19 +136,32 @@ def _named(name: str | os.PathLike[str], scalars: str | None, nan: NanPolicy) ->
 def _from_array(
     data: Any, spacing: ArrayLike | None, origin: ArrayLike | None, axes: Axes, nan: NanPolicy | None
 ) -> Volume:
-    array = _samples(data)
-    if getattr(array, "ndim", 3) > 3:
-        leading = array.ndim - 3
-        if all(n == 1 for n in array.shape[:leading]):
-            array = array.reshape(array.shape[leading:])
-    if isinstance(array, np.ndarray):
-        array = narrowed(array)
-        if array.ndim == 3 and axes == "zyx":
-            _doubt(array)
+    given = _samples(data)
+    array = _three_axes(given)
+    if isinstance(array, np.ndarray) and array.ndim == 3 and axes == "zyx":
+        _doubt(array)
     place = {"spacing": (1.0, 1.0, 1.0) if spacing is None else spacing}
     place["origin"] = (0.0, 0.0, 0.0) if origin is None else origin
     masked = isinstance(data, np.ma.MaskedArray) and np.ma.is_masked(data)
-    return Volume(array, **place, nan=nan or ("transparent" if masked else "error"), axes=axes)
+    policy: NanPolicy = nan or ("transparent" if masked else "error")
+    volume = Volume(array, **place, nan=policy, axes=axes)
+    shared = data if isinstance(data, np.ndarray) else given
+    if not isinstance(given, np.ndarray) or (has_memory(data) and np.may_share_memory(volume.host(), shared)):
+        return volume
+    return volume.copied(Copied.of(data, _samples, lambda now: _kept(_three_axes(_samples(now)), axes)))
+
+
+def _kept(array: NDArray, axes: Axes) -> NDArray:
+    """As a volume keeps it."""
+    return np.ascontiguousarray(array.T if axes == "xyz" else array, array.dtype.newbyteorder("="))
+
+
+def _three_axes(array: Any) -> Any:
+    """Without axes of one sample in front; NumPy's in a dtype that volumes keep."""
+    leading = getattr(array, "ndim", 3) - 3
+    if leading > 0 and all(n == 1 for n in array.shape[:leading]):
+        array = array.reshape(array.shape[leading:])
+    return narrowed(array) if isinstance(array, np.ndarray) else array
 
 
 def _samples(data: Any) -> Any:
@@ -227,7 +241,10 @@ def _from_xarray(data: xr.DataArray | xr.Dataset, name: str | None, nan: NanPoli
     spacing = np.array([abs(step) for _, step in steps])
     signs = np.sign([step for _, step in steps])
     values = narrowed(np.asarray(array.values))
-    return Volume(values, spacing, [start for start, _ in steps], np.diag(signs), nan)
+    volume = Volume(values, spacing, [start for start, _ in steps], np.diag(signs), nan)
+    if np.may_share_memory(volume.host(), array.values):
+        return volume
+    return volume.copied(Copied.of(array.values, np.asarray, lambda now: _kept(narrowed(now), "zyx")))
 
 
 def step_of(array: xr.DataArray, dim: Any) -> tuple[float, float]:
@@ -318,4 +335,4 @@ def _resampled(grid: pv.DataSet, scalars: str | None, nan: NanPolicy) -> Volume:
         f"error bounds are of what is made of it",
         stacklevel=outside(),
     )
-    return from_pyvista(image, str(name), nan)
+    return from_pyvista(image, str(name), nan).copied(Copied.of(None, np.asarray, np.asarray))

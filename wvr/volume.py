@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -18,6 +19,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .checksum import checksum
+from .copied import Copied, has_memory
 from .field.base import Field
 from .field.blocks import Ranges
 from .field.samples import Data, samples_struct
@@ -26,7 +28,7 @@ from .kernels.field.grid import Grid
 from .launch import get_device
 from .memory import free_host_memory
 from .samples import DTYPES, NanPolicy
-from .validation import any_array, choice, finite_vector
+from .validation import any_array, choice, finite_vector, outside
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -46,7 +48,8 @@ class Volume(Field):
     array
         Shape ``(nz, ny, nx)``, dtype one of uint8, int8, uint16, int16, float16, float32, float64. A NumPy array, a
         Warp array, or anything with DLPack or ``__cuda_array_interface__`` (PyTorch, JAX, CuPy). Kept in its own dtype
-        and, where it is C-contiguous in native byte order, without a copy: see :meth:`changed` for writing into it.
+        and, where it is C-contiguous in native byte order, without a copy; of others what is written into them is
+        copied anew: see :meth:`changed`.
     spacing
         Distance between samples along x, y, z [world length], each > 0.
     origin
@@ -94,7 +97,8 @@ class Volume(Field):
         axes: Axes = "zyx",
     ):
         choice(axes, "axes", get_args(Axes))
-        self._data = _as_data(array, axes)
+        self._data, shared = _as_data(array, axes)
+        self._copied = None if shared else Copied.of(array, _from_device, lambda now: _as_data(now, axes)[0])
         self.spacing, self.origin, self.direction = pose_of(spacing, origin, direction)
         self.nan = choice(nan, "nan", ("error", "transparent"))
         self._device_arrays: dict[str, wp.array] = {}
@@ -196,15 +200,48 @@ class Volume(Field):
     def changed(self) -> None:
         """Say that somebody wrote into the samples: ranges and whatever else depends on them are made anew.
 
-        A renderer looks for changes itself, before each frame, by a checksum (0.1 ms a megabyte); what it notices
-        counts as a call of this. Arrays that are read-only, or that only the volume refers to, are not looked at.
-        Until either, ``range`` and ``has_nonfinite`` are those of the samples before.
+        Of an array that had to be copied (another dtype or byte order, not C-contiguous, masked) they are copied anew,
+        if it changed since, as long as somebody else has it. A renderer looks for changes itself, before each frame, by
+        a checksum (0.1 ms a megabyte); what it notices counts as a call of this. Arrays that are read-only, or that
+        only the volume refers to, are not looked at. Until either, ``range`` and ``has_nonfinite`` are those of the
+        samples before.
 
         Raises
         ------
         ValueError
             Where NaN or infinite samples were written into a volume with ``nan="error"``.
+
+        Warns
+        -----
+        UserWarning
+            Where nothing can have changed: the samples are a copy of what is gone, or a list, and nobody has them.
         """
+        if not self._renew() and self._copied is not None and self._copied.gone and not self._lent:
+            warnings.warn(
+                "changed() finds nothing new: the samples were copied from what is no longer there, or cannot be asked "
+                "(a list); write into volume.numpy()",
+                stacklevel=outside(),
+            )
+        self._forget()
+
+    def copied(self, source: Copied) -> Volume:
+        """The volume itself, whose samples are a copy of others."""
+        self._copied = source
+        return self
+
+    def _renew(self) -> bool:
+        """Copy the samples anew where what they are a copy of changed."""
+        fresh = None if self._copied is None else self._copied.renewed()
+        if fresh is None:
+            return False
+        if isinstance(fresh, np.ndarray) and fresh.dtype == self.dtype and self._data.flags.writeable:
+            np.copyto(self._data, fresh)  # others may have it
+        else:
+            self._data = fresh
+        return True
+
+    def _forget(self) -> None:
+        """Whatever is known of other samples."""
         self.version += 1
         self._checksum = None
         self._device_arrays.clear()
@@ -215,12 +252,14 @@ class Volume(Field):
 
     def look(self) -> None:
         """Notice what was written into the samples since this was called last, or since the volume was made."""
+        if self._renew():
+            self._forget()
         shared = not self._alone()
         if self._shared or shared:
             now = checksum(self._data)
             if now != self._checksum:
                 # At first too: what was found out when the volume was made may be out of date.
-                self.changed()
+                self._forget()
             self._checksum = now
         self._shared = shared
 
@@ -294,7 +333,7 @@ class Volume(Field):
     def __getstate__(self) -> dict[str, Any]:
         """What is pickled: the samples as NumPy holds them, nothing of any device."""
         state = {name: value for name, value in vars(self).items() if name != "_host_copy"}
-        return state | {"_data": self.host(), "_device_arrays": {}, "_scaled": {}, "_checksum": None}
+        return state | {"_data": self.host(), "_device_arrays": {}, "_scaled": {}, "_checksum": None, "_copied": None}
 
     def __repr__(self) -> str:
         nz, ny, nx = self.shape
@@ -349,8 +388,11 @@ def direction_of(matrix: ArrayLike) -> NDArray[np.float64]:
     return direction
 
 
-def _as_data(array: Any, axes: Axes) -> Any:
-    """A C-contiguous NumPy array in native byte order, or a contiguous Warp array on its own device."""
+def _as_data(array: Any, axes: Axes) -> tuple[Any, bool]:
+    """A C-contiguous NumPy array in native byte order, or a contiguous Warp array on its own device; and whether its
+    memory is that of the one given.
+    """
+    shares = isinstance(array, np.ndarray) or has_memory(array)
     if isinstance(array, Volume):
         raise TypeError("array is a Volume already; pass its samples (volume.numpy())")
     if isinstance(array, str | os.PathLike):
@@ -370,18 +412,19 @@ def _as_data(array: Any, axes: Axes) -> Any:
         _check(array.dtype, array.shape)
         array = array.T if axes == "xyz" else array
         if type(array) is np.ndarray and array.flags.c_contiguous and array.dtype.isnative:
-            return array
+            return array, shares
         if array.nbytes > (free := free_host_memory()):
             raise MemoryError(
                 f"array is copied, as it is not C-contiguous in native byte order, which takes "
                 f"{array.nbytes / 2**30:.1f} GiB, of which {free / 2**30:.1f} GiB are free"
             )
-        return np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("="))
+        data = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("="))
+        return data, shares and np.may_share_memory(data, array)  # of a subclass of NumPy's arrays
     # A Warp array of vectors has no such dtype in NumPy, but one with more axes.
     scalar = getattr(array.dtype, "_wp_scalar_type_", array.dtype)
     _check(np.dtype(wp.dtype_to_numpy(scalar)), (*array.shape, *getattr(array.dtype, "_shape_", ())))
     array = array.transpose() if axes == "xyz" else array
-    return array if array.is_contiguous else array.contiguous()
+    return (array, shares) if array.is_contiguous else (array.contiguous(), False)
 
 
 def _from_device(array: Any) -> Any:
