@@ -9,7 +9,7 @@ from functools import cache
 
 import warp as wp
 
-from .bricks.brick import on_grain, owned
+from .bricks.brick import clearing, on_grain, owned
 from .cuts.stretches import make_stretches
 from .precision import vec4_of
 from .ray import FAR, View, ending, entry, inside, inverted, line, pixel
@@ -46,28 +46,74 @@ def make_bound(halves):
         if loose > wp.float64(0.0):
             most = scene.march.brightest + scene.march.tinted
             bound += most * wp.min(wp.float64(1.0), scene.march.densest * loose)
+        if wp.static(halves.brick):
+            if not scene.brick.edges:
+                return bound
         anchor, along, begin = line(scene.view, x, y)
         off, cap = edge(scene, anchor, inverted(along), begin, hit)
-        # Rounded up.
-        return wp.float32(wp.min(bound + off, cap) * wp.float64(wp.static(1.0 + 2.0**-23)))
+        return wp.min(bound + off, cap)
 
     return whole
+
+
+def outputs(halves):
+    """The types of an image's ``rgba`` and ``bounds``."""
+    return (wp.vec4d, wp.float64) if halves.brick else (vec4_of(halves.real), wp.float32)
+
+
+@cache
+def make_put(halves):
+    """``put(x, y, rgba, samples, bounds, ray, count, bound)``: the composite of a ray, count and bound into a pixel.
+
+    Of a brick they are composed into what is in front of it, whose ``rgba`` are colour and transparency.
+    """
+    vec4, real = outputs(halves)
+    bounded = halves.march.bounded
+
+    @wp.func
+    def put(
+        x: int,
+        y: int,
+        rgba: wp.array2d(dtype=vec4),
+        samples: wp.array2d(dtype=int),
+        bounds: wp.array2d(dtype=real),
+        ray: wp.vec4d,
+        count: int,
+        bound: wp.float64,
+    ):
+        if wp.static(halves.brick):
+            front = rgba[y, x]
+            T = front[3]
+            rgba[y, x] = front + T * wp.vec4d(ray[0], ray[1], ray[2], -ray[3])
+            samples[y, x] = samples[y, x] + count
+            if wp.static(bounded):
+                bounds[y, x] = bounds[y, x] + T * bound
+        else:
+            rgba[y, x] = vec4(ray)
+            samples[y, x] = count
+            if wp.static(bounded):
+                # Rounded up.
+                bounds[y, x] = real(bound * wp.float64(wp.static(1.0 + 2.0**-23)))
+
+    return put
 
 
 @cache
 def make_raycast(halves):
     """Kernel ``(base, scene, rgba, samples, bounds, scratch)`` over work items of ``ray.pixel``; a march that is
-    ``bounded`` writes ``bounds``, and ``scratch`` is the address of memory of the thread's own. Of a brick, whose image
-    others are seen through, ``rgba`` is float64.
+    ``bounded`` writes ``bounds``, and ``scratch`` is the address of memory of the thread's own. The image of a brick is
+    composed into that of what is in front of it.
     """
     if halves.rays > 1:
         return make_raycasts(halves)
-    vec4 = wp.vec4d if halves.brick else vec4_of(halves.real)
+    vec4, real = outputs(halves)
     Scene = halves.Scene
     march = make_stretches(halves) if halves.cuts.any else halves.march.march(halves)
     bounded = halves.march.bounded
     whole = make_bound(halves) if bounded else None
-    cast = make_brick_cast(halves, march) if halves.brick else None
+    enter, leave = make_brick_part(halves) if halves.brick else (None, None)
+    anchored = getattr(halves.march, "anchored", False)
+    put = make_put(halves)
 
     @wp.kernel(enable_backward=False, module="unique")
     def raycast(
@@ -75,7 +121,7 @@ def make_raycast(halves):
         scene: Scene,
         rgba: wp.array2d(dtype=vec4),
         samples: wp.array2d(dtype=int),
-        bounds: wp.array2d(dtype=wp.float32),
+        bounds: wp.array2d(dtype=real),
         scratch: wp.uint64,
     ):
         x, y = pixel(scene.view, wp.tid() + base)
@@ -89,19 +135,35 @@ def make_raycast(halves):
         if wp.static(halves.brick):
             column += scene.brick.column
             row += scene.brick.row
+            if not enter(scene, x, y, rgba, bounds):
+                return
         point, along, start, stop, loose = reach(scene.view, column, row)
         ray = wp.vec4d()
         count = int(0)
         bound = wp.float64(0.0)
         if wp.static(halves.brick):
-            if stop > start:
-                ray, count, bound, stop = cast(scene, x, y, point, along, start, stop)
+            first, last = owned(scene.brick, point, inverted(along), start, stop)
+            if last > first:
+                front = rgba[y, x]
+                scene.opaque = wp.float64(1.0) - clearing(scene.brick, x, y, front[3], wp.float64(1.0) - scene.opaque)
+                point -= scene.brick.offset
+                if wp.static(anchored):
+                    # Segments count from where the ray enters the whole; the brick has those whose middles are in it.
+                    scene.brick.enter = wp.where(first > start, first, -FAR)
+                    scene.brick.leave = wp.where(last < stop, last, FAR)
+                    ray, count, bound = march(scene, point, along, start, stop)
+                else:
+                    scene.stretch = 1
+                    ray, count, bound = march(scene, point, along, first, last)
+                if wp.static(bounded):
+                    bound = leave(scene, ray, bound, last - first)
+            else:
+                stop = start
         elif stop > start:
             ray, count, bound = march(scene, point, along, start, stop)
-        rgba[y, x] = vec4(ray)
-        samples[y, x] = count
         if wp.static(bounded):
-            bounds[y, x] = whole(scene, column, row, stop > start, bound, loose)
+            bound = whole(scene, column, row, stop > start, bound, loose)
+        put(x, y, rgba, samples, bounds, ray, count, bound)
 
     return raycast
 
@@ -109,11 +171,13 @@ def make_raycast(halves):
 @cache
 def make_raycasts(halves):
     """The same of a march that takes ``halves.rays`` at a time."""
-    vec4 = vec4_of(halves.real)
+    vec4, real = outputs(halves)
     Scene = halves.Scene
     rays = halves.rays
     march = halves.march.together(halves)
     whole = make_bound(halves)
+    enter, leave = make_brick_part(halves) if halves.brick else (None, None)
+    put = make_put(halves)
 
     @wp.kernel(enable_backward=False, module="unique")
     def raycasts(
@@ -121,87 +185,91 @@ def make_raycasts(halves):
         scene: Scene,
         rgba: wp.array2d(dtype=vec4),
         samples: wp.array2d(dtype=int),
-        bounds: wp.array2d(dtype=wp.float32),
+        bounds: wp.array2d(dtype=real),
         scratch: wp.uint64,
     ):
         scene.march.scratch = scratch
         first = (wp.tid() + base) * rays
-        # Point, direction, start and stop of each ray; its composite, count and bound.
-        lines = wp.zeros(shape=(rays, 8), dtype=wp.float64)
+        # Of the whole image, which a brick has a part of.
+        column = int(0)
+        row = int(0)
+        if wp.static(halves.brick):
+            column = scene.brick.column
+            row = scene.brick.row
+            scene.stretch = 1
+        # Point, direction, start, stop and end of each ray; its composite, count and bound.
+        lines = wp.zeros(shape=(rays, 9), dtype=wp.float64)
         looseness = wp.zeros(shape=(rays,), dtype=wp.float64)
         results = wp.zeros(shape=(rays, 6), dtype=wp.float64)
+        # Whether a ray is looked at.
+        going = wp.zeros(shape=(rays,), dtype=int)
         last = int(rays)
         for r in range(last):
             x, y = pixel(scene.view, first + r)
-            if y < scene.view.height:
-                point, along, start, stop, loose = reach(scene.view, x, y)
+            looked = y < scene.view.height
+            if wp.static(halves.brick):
+                if looked:
+                    looked = enter(scene, x, y, rgba, bounds)
+            if looked:
+                going[r] = 1
+                point, along, start, stop, loose = reach(scene.view, x + column, y + row)
+                clear = wp.float64(1.0) - scene.opaque
+                if wp.static(halves.brick):
+                    start, stop = owned(scene.brick, point, inverted(along), start, stop)
+                    front = rgba[y, x]
+                    clear = clearing(scene.brick, x, y, front[3], clear)
+                    point -= scene.brick.offset
                 for a in range(3):
                     lines[r, a] = point[a]
                     lines[r, 3 + a] = along[a]
                 lines[r, 6] = start
                 lines[r, 7] = stop
+                lines[r, 8] = clear
                 looseness[r] = loose
         march(scene, lines, results)
         for r in range(last):
-            x, y = pixel(scene.view, first + r)
-            if y < scene.view.height:
+            if going[r] != 0:
+                x, y = pixel(scene.view, first + r)
                 hit = lines[r, 7] > lines[r, 6]
+                ray = wp.vec4d()
                 bound = wp.float64(0.0)
                 if hit:
-                    rgba[y, x] = vec4(wp.vec4d(results[r, 0], results[r, 1], results[r, 2], results[r, 3]))
+                    ray = wp.vec4d(results[r, 0], results[r, 1], results[r, 2], results[r, 3])
                     bound = results[r, 5]
-                else:
-                    rgba[y, x] = vec4()
-                samples[y, x] = int(results[r, 4])
-                bounds[y, x] = whole(scene, x, y, hit, bound, looseness[r])
+                    if wp.static(halves.brick):
+                        bound = leave(scene, ray, bound, lines[r, 7] - lines[r, 6])
+                bound = whole(scene, x + column, y + row, hit, bound, looseness[r])
+                put(x, y, rgba, samples, bounds, ray, int(results[r, 4]), bound)
 
     return raycasts
 
 
 @cache
-def make_brick_cast(halves, march):
-    """``cast(scene, x, y, point, along, start, stop)`` -> composite, count and bound of what a brick has of a ray, and
-    where that ends: not behind ``start`` if there is nothing.
+def make_brick_part(halves):
+    """``enter(scene, x, y, rgba, bounds)`` -> whether a brick's ray is still to be seen: one that is opaque asks for
+    nothing more, and whatever is here and behind, between 0 and the brightest, is in its bound; and
+    ``leave(scene, ray, bound, length)`` -> the bound on the composite of a length of ray that a march came to.
     """
     Scene = halves.Scene
     bounded = halves.march.bounded
-    anchored = getattr(halves.march, "anchored", False)
+    zero = wp.constant(wp.float64(0.0))
 
     @wp.func
-    def cast(scene: Scene, x: int, y: int, point: wp.vec3d, along: wp.vec3d, start: wp.float64, stop: wp.float64):
-        one = wp.float64(1.0)
-        brick = scene.brick
-        ray = wp.vec4d()
-        count = int(0)
-        bound = wp.float64(0.0)
-        clear = one
-        if brick.front.shape[0] > 0:
-            clear = brick.front[y, x]
-        first, last = owned(brick, point, inverted(along), start, stop)
-        if last > first and clear < one - scene.opaque:
-            # A ray that is opaque asks for nothing more; whatever is here and behind is between 0 and the brightest.
-            if wp.static(bounded):
-                ray[3] = one
-                bound = scene.march.brightest
-        elif last > first:
-            scene.opaque = one - (one - scene.opaque) / wp.max(clear, wp.float64(1.0e-300))
-            if wp.static(anchored):
-                # Segments count from where the ray enters the whole; the brick has those whose middles are in it.
-                scene.brick.enter = wp.where(first > start, first, -FAR)
-                scene.brick.leave = wp.where(last < stop, last, FAR)
-                ray, count, bound = march(scene, point - brick.offset, along, start, stop)
-            else:
-                # What counts for a ray as a whole counts here by its part.
-                scene.stretch = 1
-                ray, count, bound = march(scene, point - brick.offset, along, first, last)
-                if wp.static(bounded):
-                    part = (last - first) / brick.longest
-                    bound += brick.opacity * ray[3] + brick.length * (last - first)
-                    bound += (
-                        wp.max(scene.view.astray - scene.march.allowed, wp.float64(0.0))
-                        * brick.astray
-                        * (ray[3] + part)
-                    )
-        return ray, count, bound, wp.where(last > first, stop, start)
+    def enter(scene: Scene, x: int, y: int, rgba: wp.array2d(dtype=wp.vec4d), bounds: wp.array2d(dtype=wp.float64)):
+        front = rgba[y, x]
+        limit = wp.float64(1.0) - scene.opaque
+        going = clearing(scene.brick, x, y, front[3], limit) <= wp.float64(1.0)
+        if wp.static(bounded):
+            if not going and front[3] > zero:
+                bounds[y, x] = bounds[y, x] + front[3] * scene.march.brightest
+                rgba[y, x] = wp.vec4d(front[0], front[1], front[2], zero)
+        return going
 
-    return cast
+    @wp.func
+    def leave(scene: Scene, ray: wp.vec4d, bound: wp.float64, length: wp.float64):
+        # What counts for a ray as a whole counts here by its part.
+        brick = scene.brick
+        astray = wp.max(scene.view.astray - scene.march.allowed, zero) * brick.astray
+        return bound + brick.opacity * ray[3] + brick.length * length + astray * (ray[3] + length / brick.longest)
+
+    return enter, leave

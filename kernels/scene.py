@@ -45,7 +45,7 @@ class Halves:
     @property
     def rays(self) -> int:
         """Rays of a work item: several of a march that takes them at a time, where nothing cuts them."""
-        return 1 if self.cuts.any or self.brick or not self.vectors else getattr(self.march, "rays", 1)
+        return 1 if self.cuts.any or not self.vectors else getattr(self.march, "rays", 1)
 
     @property
     def scratch(self) -> int:

@@ -18,6 +18,7 @@ import wvr
 from wvr.bricks.brick import Brick, Caster
 from wvr.bricks.cluster import ARITY
 from wvr.bricks.grid import Bricks, in_order
+from wvr.bricks.partial import Partial
 from wvr.files import write_text
 from wvr.keep import Keeper
 from wvr.launch import get_device
@@ -46,9 +47,11 @@ def counted(along: int) -> tuple[float, float, float]:
         if rect is None:
             continue
         low, high = bricks.box(index)
-        partial = caster.cast(index, Brick(volume.region(low, high), low, volume), rect).rounded(1.0)
+        partial = Partial.nothing(rect, caster.bounded)
+        caster.cast(index, Brick(volume.region(low, high), low, volume), partial, rect)
+        partial = partial.rounded(1.0)
         raw = len(pickle.dumps(partial, protocol=5))
-        arrays = (partial.color, partial.through, partial.bound, partial.samples)
+        arrays = (partial.rgbt, partial.bound, partial.samples)
         packed = sum(len(zlib.compress(np.ascontiguousarray(array).tobytes(), 1)) for array in arrays)
         found.append((partial.through.size / PIXELS**2, raw / 1e6, packed / 1e6))
     return tuple(np.mean(found, axis=0).tolist())

@@ -28,7 +28,7 @@ from .kernels.scene import Halves
 from .launch import launch, launch_pixels
 from .light.sweep import AHEAD, Sweeping, shade
 from .memory import free_memory
-from .probe import make_prober, probe, tightest
+from .probe import Prober, make_prober, probe, tightest
 from .scene import Scene
 from .transfer.function import struct_of
 from .validation import float_array
@@ -89,9 +89,7 @@ class Frame:
         bounds = wp.zeros(shape, dtype=wp.float32, device=self.device)
         wp.synchronize_device(self.device)
         prepared = perf_counter()
-        inputs = [struct, rgba, samples, bounds, 0]
-        launch_pixels(make_raycast(halves), inputs, self.device, struct.view, halves.rays, halves.scratch)
-        wp.synchronize_device(self.device)
+        self.launch(halves, struct, rgba, samples, bounds)
         end = perf_counter()
         stats = {
             "seconds": end - start,
@@ -130,6 +128,12 @@ class Frame:
         image.values = found.values.numpy() if integrator.valued else None
         return image
 
+    def launch(self, halves: Halves, struct: Any, rgba: wp.array, samples: wp.array, bounds: wp.array) -> None:
+        """Cast the rays of all pixels, and wait for them."""
+        inputs = [struct, rgba, samples, bounds, 0]
+        launch_pixels(make_raycast(halves), inputs, self.device, struct.view, halves.rays, halves.scratch)
+        wp.synchronize_device(self.device)
+
     def _image(
         self,
         rgba: wp.array,
@@ -138,20 +142,9 @@ class Frame:
         stats: dict[str, Any],
         tracer: Tracer | None = None,
     ) -> Image:
-        stats |= {
-            "rays": self.width * self.height,
-            "samples": int(samples.sum(dtype=np.int64)),
-            "device": self.device.name,
-            "precision": shown,
-        }
-        pixels = rgba.numpy().astype(shown, copy=False)
-        given = self.given
-        limits, anatomical = given.volume.range, getattr(given.volume, "anatomical", "")
-        scenery = Shown(self.camera, given.volume.corners, limits, given.transfer_function, anatomical)
         size = (self.width, self.height)
         prober = make_prober(self, lambda scene, keep: Frame(scene, self.camera, size, keep, self.ends))
-        kind = Image if self.error_bound is None else BoundedImage
-        return kind(pixels, samples, self.error_bound, stats, given.background, tracer, scenery, prober=prober)
+        return image_of(self, rgba.numpy().astype(shown, copy=False), samples, stats, tracer, prober)
 
     def halves(self, real: type, march: Any) -> Halves:
         """What a kernel with a ``march`` in a precision is made of."""
@@ -246,6 +239,28 @@ class Frame:
                 f"data and image need {needed / 2**30:.1f} GiB on {device.alias}, which has {free / 2**30:.1f} GiB "
                 f"free: take a smaller size than {self.width} x {self.height}, or a smaller volume"
             )
+
+
+def image_of(
+    frame: Any,
+    rgba: NDArray[np.floating],
+    samples: NDArray[np.int32],
+    stats: dict[str, Any],
+    tracer: Tracer | None = None,
+    prober: Prober | None = None,
+) -> Image:
+    """The image that a frame came to, with what ``stats`` every image has."""
+    given = frame.given
+    stats |= {
+        "rays": samples.size,
+        "samples": int(samples.sum(dtype=np.int64)),
+        "device": frame.keep.device.name,
+        "precision": rgba.dtype.name,
+    }
+    limits, anatomical = given.volume.range, getattr(given.volume, "anatomical", "")
+    scenery = Shown(frame.camera, given.volume.corners, limits, given.transfer_function, anatomical)
+    kind = Image if frame.error_bound is None else BoundedImage
+    return kind(rgba, samples, frame.error_bound, stats, given.background, tracer, scenery, prober=prober)
 
 
 def ends_of(depth: Any, size: tuple[int, int]) -> NDArray[np.float64] | None:

@@ -16,9 +16,10 @@ class Brick:
     )  # what is its own of the whole [index coordinates of that]; far beyond it where it has the whole's face
     high: wp.vec3d
     offset: wp.vec3d  # its first sample, whole numbers
+    edges: bool  # rays may begin or end in what there is to see: at the whole's faces, or at the camera
     column: int  # of the image, that its first pixel is
     row: int
-    front: wp.array2d(dtype=wp.float64)  # transparency in front of it; empty where that is not known
+    front: wp.array2d(dtype=wp.float64)  # transparency in front of its image, where something is
     enter: wp.float64  # of a ray
     leave: wp.float64
     opacity: wp.float64  # rounding of a ray, in parts of its opacity in the brick,
@@ -45,6 +46,16 @@ def owned(brick: Brick, point: wp.vec3d, inverse: wp.vec3d, start: wp.float64, s
         elif point[a] < brick.low[a] or point[a] >= brick.high[a]:
             stop = start - wp.float64(1.0)
     return start, stop
+
+
+@wp.func
+def clearing(brick: Brick, x: int, y: int, front: wp.float64, limit: wp.float64):
+    """The transparency at which a ray ends that ends at a ``limit`` in all, of the brick alone; above 1 where it ended
+    in front of it. ``front`` is what the image lets through so far.
+    """
+    if brick.front.shape[0] > 0:
+        front *= brick.front[y, x]
+    return limit / wp.max(front, wp.float64(1.0e-300))
 
 
 @wp.func

@@ -144,7 +144,7 @@ def stepped(unread: Unread, steps: Steps, axis: int, ahead: bool):
 
 @wp.kernel(enable_backward=False, module="unique")
 def map_unread(
-    base: int, view: View, unread: Unread, rgba: wp.array2d(dtype=wp.vec4d), bounds: wp.array2d(dtype=wp.float64)
+    base: int, view: View, unread: Unread, rgbt: wp.array2d(dtype=wp.vec4d), bounds: wp.array2d(dtype=wp.float64)
 ):
     """What they do to what is behind, along the ray of each work item of ``ray.pixel``."""
     x, y = pixel(view, wp.tid() + base)
@@ -168,13 +168,13 @@ def map_unread(
         index, going = stepped(unread, steps, axis, True)
         if going:
             steps.index = index
-    rgba[y, x] = wp.vec4d(ray[0], ray[1], ray[2], ONE - T)
+    rgbt[y, x] = wp.vec4d(ray[0], ray[1], ray[2], T)
     bounds[y, x] = wp.min(bound, unread.brightest)
 
 
 @wp.kernel(enable_backward=False, module="unique")
 def show_unread(
-    base: int, view: View, unread: Unread, rgba: wp.array2d(dtype=wp.vec4d), bounds: wp.array2d(dtype=wp.float64)
+    base: int, view: View, unread: Unread, rgbt: wp.array2d(dtype=wp.vec4d), bounds: wp.array2d(dtype=wp.float64)
 ):
     """What they look like with nothing behind: from the back, between what is least and most at each face."""
     x, y = pixel(view, wp.tid() + base)
@@ -212,5 +212,6 @@ def show_unread(
         if going:
             steps.index = index
     half = wp.float64(0.5)
-    rgba[y, x] = half * (least + most)
+    shown = half * (least + most)
+    rgbt[y, x] = wp.vec4d(shown[0], shown[1], shown[2], ONE - shown[3])
     bounds[y, x] = half * wp.max(most - least) + unread.brightest * wp.float64(wp.static(2.0**-40))

@@ -112,8 +112,8 @@ def depth_of(A: wp.float64):
 def make_rays(halves, rays):
     """``march(scene, lines, results)`` of so many rays at a time, without light; what it counts are cells and pieces.
 
-    ``lines`` (rays, 8) are the rays' origins, directions, starts and stops, and ``results`` (rays, 6) their colours,
-    opacities, counts and bounds.
+    ``lines`` (rays, 9) are the rays' origins, directions, starts and stops, and the transparencies at which they end;
+    ``results`` (rays, 6) their colours, opacities, counts and bounds.
     """
     real = wp.float64
     Scene = halves.Scene
@@ -135,7 +135,6 @@ def make_rays(halves, rays):
     @wp.func
     def march(scene: Scene, lines: wp.array2d(dtype=real), results: wp.array2d(dtype=real)):
         one = real(1.0)
-        clear = one - scene.opaque
         # Of each ray its walk, the cells that it found, how many, and how many of those are composed.
         state = wp.array(ptr=scene.march.scratch + wp.uint64(at[0]), shape=(rays, 20), dtype=real)
         cells = wp.array(ptr=scene.march.scratch + wp.uint64(at[1]), shape=(rays, CELLS), dtype=wp.uint64)
@@ -175,6 +174,7 @@ def make_rays(halves, rays):
                 n = done[r]
                 end = number[r]
                 T = one - sums[r, 3]
+                clear = lines[r, 8]
                 waits = bool(False)
                 ready = bool(waiting[r] != 0)
                 while T >= clear and not waits and (n < end or going[r] != 0):
@@ -244,7 +244,7 @@ def make_rays(halves, rays):
             T = one - sums[r, 3]
             counts[r] = counts[r] + wp.min(done[r], number[r])
             bound = sums[r, 4] + sums[r, 3] * scene.march.tinted + real(counts[r]) * scene.march.sum
-            if going[r] != 0 or done[r] < number[r] or (wp.static(halves.cuts.any) and T < clear):
+            if going[r] != 0 or done[r] < number[r] or (wp.static(halves.cuts.any) and T < lines[r, 8]):
                 # What is behind is not visited; nor is, of a ray that is cut, what is behind this stretch.
                 bound += wp.max(T, real(0.0)) * scene.march.brightest
             if scene.stretch == 0:
@@ -269,13 +269,14 @@ def make_packed(halves):
 
     @wp.func
     def march(scene: Scene, origin: wp.vec3d, d: wp.vec3d, start: real, end: real):
-        lines = wp.zeros(shape=(1, 8), dtype=real)
+        lines = wp.zeros(shape=(1, 9), dtype=real)
         results = wp.zeros(shape=(1, 6), dtype=real)
         for a in range(3):
             lines[0, a] = origin[a]
             lines[0, 3 + a] = d[a]
         lines[0, 6] = start
         lines[0, 7] = end
+        lines[0, 8] = real(1.0) - scene.opaque
         rays(scene, lines, results)
         color = wp.vec4d(results[0, 0], results[0, 1], results[0, 2], results[0, 3])
         return color, int(results[0, 4]), results[0, 5]

@@ -117,6 +117,31 @@ def test_light_looks_beyond_a_brick(split):
     np.testing.assert_allclose(split((6, 6, 6), CAMERAS["outside"], **lit).rgba, whole.rgba, atol=1e-11)
 
 
+GENTLE = wvr.TransferFunction([(0, "navy", 0.0), (100, "green", 0.0), (140, "gold", 0.1), (255, "white", 0.6)])
+
+
+@pytest.mark.filterwarnings("ignore:.* visible")
+@settings(max_examples=12, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_random_splits_are_within_their_bounds(seed):
+    """Several rays at a time, in bricks of any size, opaque or not, from anywhere; never a bound above what there is to
+    see at all.
+    """
+    rng = np.random.default_rng(seed)
+    data = np.clip(np.cumsum(rng.normal(0, 12, rng.integers(5, 30, 3)), axis=rng.integers(3)) + 100, 0, 255)
+    volume = wvr.Volume(data.astype(np.uint8), 10 ** rng.uniform(-0.5, 0.5, 3), rng.normal(size=3) * 100)
+    cut = Bricks.regular(volume.dimensions, tuple(rng.integers(2, 20, 3).tolist()))
+    at = np.array([rng.choice(along) for along in cut.edges], float) * volume.spacing + volume.origin
+    way = np.roll([1.0, 0, 0], rng.integers(3)) + 10.0 ** rng.uniform(-15, 0) * rng.normal(size=3) * rng.integers(2)
+    camera = wvr.Camera(at - rng.choice([0, 50]) * way, at + way, np.roll(way, 1), view_angle=60)
+    exact = wvr.render(volume, GENTLE, camera, (17, 12), integrator=wvr.Exact())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BrickedFrame, "bricks", lambda self: cut)
+        image = wvr.render(volume, GENTLE, camera, (17, 12), tolerance=1 / 256, memory_limit="1 GiB")
+    assert np.all(np.abs(image.rgba - exact.rgba).max(axis=2) <= image.error_bound)
+    assert image.error_bound.max() <= 1 + 1e-6
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_waves_are_in_order_along_any_ray(seed):
@@ -171,7 +196,7 @@ def test_bounds_compose(numbers):
 
     def part(c, t, b):
         shape = np.zeros((1, 1), np.int32)
-        return Partial(at, np.full((1, 1, 3), c), np.full((1, 1), t), np.full((1, 1), b), shape)
+        return Partial(at, np.array([[[c, c, c, t]]]), np.full((1, 1), b), shape)
 
     front = part(c1, t1, b1)
     front.over(part(c2, t2, b2))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, log2
@@ -18,8 +20,6 @@ from ..frame import Frame, view
 from ..keep import Keeper
 from ..kernels.bricks.brick import Brick as BrickStruct
 from ..kernels.precision import REALS
-from ..kernels.raycast import make_raycast
-from ..launch import launch_pixels
 from ..scene import Scene
 from ..volume import Volume
 from .grid import Bricks, Index, Rect, footprint
@@ -149,6 +149,17 @@ class Caster:
             image.bound[rect] += image.through[rect] * self.scene.brightest
             image.through[rect] = 0.0
 
+    def _edges(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
+        """Whether rays may begin or end within a box, or so near that being astray counts."""
+        field = self.scene.volume
+        first, last = field.index_box
+        near = 1.0 + 2 * self.view.astray
+        if np.any(low <= first) or np.any(high >= last):
+            return True
+        to_index = np.linalg.inv(field.index_to_world[:3, :3])
+        eye = to_index @ (self.camera.position - field.index_to_world[:3, 3])
+        return not self.camera.parallel and bool(np.all((eye >= low - near) & (eye <= high + near)))
+
     def part_of(self, brick: Brick) -> Scene:
         """The scene of a brick."""
         labels = self.scene.segmentation
@@ -159,17 +170,18 @@ class Caster:
         self._like = self._like or part
         return part
 
-    def cast(self, index: Index, brick: Brick, rect: Rect, front: NDArray[np.floating] | None = None) -> Partial:
-        """The image of a brick in the pixels of its ``footprint``.
+    def cast(
+        self, index: Index, brick: Brick, image: Partial, rect: Rect, front: NDArray[np.float64] | None = None
+    ) -> None:
+        """Compose the image of a brick into that of what is in front of it, in the pixels of its ``footprint``.
 
         Parameters
         ----------
         front
-            (height, width) transparency in front of it, where that is known: rays that are opaque are not looked at.
+            Transparency of what is in front of all of the ``image``, in its pixels.
         """
-        rows, columns = rect
-        height, width = rows.stop - rows.start, columns.stop - columns.start
-        device = self.keep.device
+        part, device = image.part(rect), self.keep.device
+        height, width = part.through.shape
         scene = self.part_of(brick)
         frame = Frame(scene, self.camera, (width, height), self.keep)
         integrator = scene.integrator
@@ -177,28 +189,35 @@ class Caster:
         struct, seen = frame.struct(halves, rays=self.view)
         struct.opaque = 1.0 - self.ending
         if seen.skipped == 1.0 and integrator.anywhere:
-            return Partial.nothing(rect, self.bounded)
+            return
         struct.view.width, struct.view.height = width, height
         offset = brick.first.astype(np.float64)
         seen_box = (seen.low + offset, seen.high + offset) if integrator.anywhere else self.scene.volume.index_box
         struct.view.seen_low, struct.view.seen_high = (wp.vec3d(*corner) for corner in seen_box)
         own = BrickStruct()
+        own.edges = self._edges(*seen_box)
         own.low, own.high = (wp.vec3d(*corner) for corner in self.bricks.own(index))
         own.offset = wp.vec3d(*offset)
-        own.row, own.column = rows.start, columns.start
+        own.row, own.column = rect[0].start, rect[1].start
         own.longest = scene.volume.longest
         for name, value in integrator.spent(scene, self.keep).items():
             setattr(own, name, value)
         if front is not None:
-            own.front = wp.array(np.ascontiguousarray(front[rect]), dtype=wp.float64, device=device)
+            own.front = wp.array(front[image.at(rect)], dtype=wp.float64, device=device)
         struct.brick = own
-        rgba = wp.empty((height, width), dtype=wp.vec4d, device=device)
-        samples = wp.empty((height, width), dtype=int, device=device)
-        bounds = wp.zeros((height, width) if self.bounded else (1, 1), dtype=wp.float32, device=device)
-        inputs = [struct, rgba, samples, bounds, 0]
-        launch_pixels(make_raycast(halves), inputs, device, struct.view, halves.rays, halves.scratch)
-        wp.synchronize_device(device)
-        return Partial.of(rect, rgba.numpy(), samples.numpy(), bounds.numpy() if self.bounded else None)
+        bound = np.zeros((1, 1)) if part.bound is None else part.bound
+        with shared(device, (part.rgbt, wp.vec4d), (part.samples, int), (bound, wp.float64)) as outputs:
+            frame.launch(halves, struct, *outputs)
+
+
+@contextmanager
+def shared(device: wp.Device, *arrays: tuple[NDArray, Any]) -> Iterator[list[wp.array]]:
+    """Arrays that a kernel reads and writes: the same memory on a processor, and else copies, which come back."""
+    there = [wp.array(array, dtype=dtype, device=device, copy=False) for array, dtype in arrays]
+    yield there
+    if not device.is_cpu:
+        for (array, _), copied in zip(arrays, there, strict=True):
+            array[...] = copied.numpy()
 
 
 def _offset_rounding(field: Any) -> float:

@@ -191,9 +191,7 @@ def group_image(shared: Shared, indices: list[Index], rect: Rect, front: NDArray
     samples = volume.samples = Remembered(volume.samples, shared.token)  # type: ignore[attr-defined]
     scene = replace(shared.scene, volume=volume)
     march = Streamed(scene, shared.camera, shared.size, keep, Reading(missing=shared.missing))
-    whole = march.caster.nothing()
     image = Partial.nothing(rect, march.caster.bounded)
-    through = whole.through
     blocks = march.blocks(_memory() // 2)
     counts = Counts()
     try:
@@ -201,9 +199,7 @@ def group_image(shared: Shared, indices: list[Index], rect: Rect, front: NDArray
             place = march.caster.footprint(index)
             if place is None:
                 continue
-            # What is in front of the group, and in it.
-            through[rect] = front * image.through
-            image.over(march.cast(blocks, through, index, place))
+            march.cast(blocks, image, index, place, front.astype(np.float64))
             keep.end_of_frame()
     finally:
         blocks.close()

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera import Camera
-from ..display import Shown
-from ..image import BoundedImage, Image
+from ..frame import image_of
+from ..image import Image
 from ..keep import Keeper
 from ..scene import Scene
 from .brick import Caster, Halo
@@ -108,7 +108,7 @@ class BrickedFrame:
             if caster.ended(image, rect):
                 caster.end(image, rect)
                 continue
-            image.over(caster.cast(index, store[index], rect, image.through))
+            caster.cast(index, store[index], image, rect)
             cast += 1
             if not store.keeps_all:
                 self.keep.end_of_frame()
@@ -125,25 +125,20 @@ class BrickedFrame:
         """The image that all parts come to, rounded once."""
         scene, integrator = self.scene, self.scene.integrator
         shown = integrator.shown(scene)
-        rgba = np.concatenate([partial.color, (1.0 - partial.through)[..., None]], axis=-1).astype(shown)
+        rgba = partial.rgbt.astype(shown)
+        rgba[..., 3] = 1.0 - partial.through
         if partial.bound is not None:
             rounding = float(np.finfo(shown).eps) / 2 + COMPOSED * sum(bricks.counts)
-            bound = (partial.bound + scene.brightest * rounding) * (1 + 2.0**-50)
+            bound = partial.bound
+            if scene.lighting is None:
+                # What is true is between 0 and the brightest.
+                farthest = np.maximum(partial.rgbt, scene.brightest - partial.rgbt)
+                farthest[..., 3] = np.maximum(1.0 - partial.through, partial.through)
+                bound = np.minimum(bound, farthest.max(axis=-1))
+            bound = (bound + scene.brightest * rounding) * (1 + 2.0**-50)
             self.error_bound = np.nextafter(bound.astype(np.float32), np.float32(np.inf))
-        width, height = self.size
-        stats |= {
-            "bytes": scene.volume.nbytes,
-            "integrator": repr(integrator),
-            "rays": width * height,
-            "samples": int(partial.samples.sum(dtype=np.int64)),
-            "device": self.keep.device.name,
-            "precision": shown,
-        }
+        stats |= {"bytes": scene.volume.nbytes, "integrator": repr(integrator)}
         stats |= integrator.report(self)  # type: ignore[arg-type]
         if scene.volume.stored and "bound_covers" in stats:
             stats["bound_covers"] += ", and what was not read"
-        field = self.given.volume
-        anatomical = getattr(field, "anatomical", "")
-        shown_as = Shown(self.camera, field.corners, field.range, self.given.transfer_function, anatomical)
-        kind = Image if self.error_bound is None else BoundedImage
-        return kind(rgba, partial.samples, self.error_bound, stats, self.given.background, None, shown_as)
+        return image_of(self, rgba, partial.samples, stats)

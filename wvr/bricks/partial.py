@@ -23,43 +23,55 @@ class Partial:
     """What a part of a volume does in some of an image's pixels: its ``rect``."""
 
     rect: Rect
-    color: Floats  # (h, w, 3) premultiplied
-    through: Floats  # (h, w) transparency
+    rgbt: Floats  # (h, w, 4) premultiplied colour, and transparency
     bound: Floats | None  # (h, w) on the error of any channel, whatever is behind
     samples: NDArray[np.int32]  # (h, w)
 
-    @classmethod
-    def of(cls, rect: Rect, rgba: Floats, samples: NDArray[np.int32], bounds: NDArray[np.float32] | None) -> Partial:
-        """Of colour and opacity."""
-        bound = None if bounds is None else bounds.astype(np.float64)
-        return cls(rect, rgba[..., :3].copy(), 1.0 - rgba[..., 3], bound, samples.copy())
+    @property
+    def color(self) -> Floats:
+        """(h, w, 3)."""
+        return self.rgbt[..., :3]
+
+    @property
+    def through(self) -> Floats:
+        """(h, w) transparency."""
+        return self.rgbt[..., 3]
 
     @classmethod
     def nothing(cls, rect: Rect, bounded: bool) -> Partial:
         """Of an empty part."""
         shape = (rect[0].stop - rect[0].start, rect[1].stop - rect[1].start)
-        samples = np.zeros(shape, np.int32)
-        return cls(rect, np.zeros((*shape, 3)), np.ones(shape), np.zeros(shape) if bounded else None, samples)
+        rgbt = np.zeros((*shape, 4))
+        rgbt[..., 3] = 1.0
+        return cls(rect, rgbt, np.zeros(shape) if bounded else None, np.zeros(shape, np.int32))
+
+    def at(self, rect: Rect) -> Rect:
+        """Where some of its pixels are in its arrays."""
+        rows, columns = (
+            slice(part.start - own.start, part.stop - own.start) for own, part in zip(self.rect, rect, strict=True)
+        )
+        return rows, columns
+
+    def part(self, rect: Rect) -> Partial:
+        """Some of its pixels, which share its memory."""
+        at = self.at(rect)
+        return Partial(rect, self.rgbt[at], None if self.bound is None else self.bound[at], self.samples[at])
 
     def rounded(self, brightest: float) -> Partial:
         """The same in single precision, and what that costs in the bound."""
-        color, through = self.color.astype(np.float32), self.through.astype(np.float32)
-        bound = self.bound
+        rgbt, bound = self.rgbt.astype(np.float32), self.bound
         if bound is not None:
-            off = np.abs(color - self.color).max(axis=-1, initial=0.0) + brightest * np.abs(through - self.through)
+            off = np.abs(rgbt - self.rgbt)
+            off = off[..., :3].max(axis=-1, initial=0.0) + brightest * off[..., 3]
             bound = np.nextafter((bound + off).astype(np.float32), np.float32(np.inf))
-        return Partial(self.rect, color, through, bound, self.samples)
+        return Partial(self.rect, rgbt, bound, self.samples)
 
     def over(self, behind: Partial) -> None:
         """Compose what is behind, which is seen in no pixels but this one's, into this one."""
-        rows, columns = (
-            slice(back.start - own.start, back.stop - own.start)
-            for own, back in zip(self.rect, behind.rect, strict=True)
-        )
-        at = rows, columns
-        through = self.through[at]
-        self.color[at] += through[..., None] * behind.color
-        if self.bound is not None and behind.bound is not None:
-            self.bound[at] += through * behind.bound
-        self.through[at] = through * behind.through
-        self.samples[at] += behind.samples
+        here = self.part(behind.rect)
+        through = here.through.copy()
+        here.rgbt[..., 3] = 0.0
+        here.rgbt += through[..., None] * behind.rgbt
+        if here.bound is not None and behind.bound is not None:
+            here.bound += through * behind.bound
+        here.samples += behind.samples

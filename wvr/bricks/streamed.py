@@ -103,7 +103,7 @@ class Streamed:
                     spared += 1
                     continue
                 self._ahead(blocks, image, n)
-                image.over(self.cast(blocks, image.through, index, rect))
+                self.cast(blocks, image, index, rect)
                 cast += 1
                 self.keep.end_of_frame()
         finally:
@@ -169,16 +169,18 @@ class Streamed:
         spent[rect] = after
         return partial
 
-    def cast(self, blocks: Blocks, through: NDArray[np.floating], index: Index, rect: Rect) -> Partial:
-        """The image of a brick behind what lets ``through`` so much of each pixel."""
+    def cast(
+        self, blocks: Blocks, image: Partial, index: Index, rect: Rect, front: NDArray[np.float64] | None = None
+    ) -> None:
+        """Compose the image of a brick into that of what is in front of it, as of ``Caster.cast``."""
         try:
-            return self.caster.cast(index, blocks[index], rect, through)
+            self.caster.cast(index, blocks[index], image, rect, front)
         except OSError as error:
             if self.reading.missing == "error":
                 raise
             announce("%s", error)
             self.missing += 1
-            return unread_brick(self.caster, index, rect, self.looks[[self.number(index)]])
+            image.over(unread_brick(self.caster, index, rect, self.looks[[self.number(index)]]))
 
     def _unread(self) -> Partial:
         """What the bricks look like that are not read for want of time, with nothing behind."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from ..launch import launch_pixels
 from ..scene import Scene
 from ..transfer.function import transfer_values
 from ..transfer_function import TransferFunction
-from .brick import Caster
+from .brick import Caster, shared
 from .grid import FAR, Bricks, Index, Rect
 from .partial import Partial
 
@@ -129,12 +129,11 @@ def unread(
     struct.brightest, struct.grain, struct.astray = scene.brightest, caster.grain, caster.view.astray
     struct.row, struct.column = rows.start, columns.start
     caster.view.width, caster.view.height = shape[1], shape[0]
-    rgba = wp.empty(shape, dtype=wp.vec4d, device=device)
-    bounds = wp.empty(shape, dtype=wp.float64, device=device)
-    launch_pixels(show_unread if last else map_unread, [caster.view, struct, rgba, bounds], device, caster.view)
-    wp.synchronize_device(device)
-    partial = Partial.of(rect, rgba.numpy(), np.zeros(shape, np.int32), None)
-    partial.bound = bounds.numpy().copy()
+    bound = np.zeros(shape)
+    partial = replace(Partial.nothing(rect, bounded=False), bound=bound)
+    with shared(device, (partial.rgbt, wp.vec4d), (bound, wp.float64)) as (rgbt, bounds):
+        launch_pixels(show_unread if last else map_unread, [caster.view, struct, rgbt, bounds], device, caster.view)
+        wp.synchronize_device(device)
     return partial
 
 
