@@ -1,4 +1,4 @@
-"""Damaged files: read twice, they are the same twice, or refused with an error that names them."""
+"""Damaged files and stores: read twice, they are the same twice, or refused with an error that names them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
+import wvr
 from wvr.io import read, read_raw
 from wvr.io.dicom import is_dicom
 
-from . import seeds
+from . import memory, seeds
 
 # What errors about a file may be.
 CLEAR = (OSError, ValueError, TypeError, MemoryError, ImportError)
@@ -41,9 +42,13 @@ class Files:
     def __init__(self, folder: Path):
         self.seeds = seeds.make(folder)
         # The files of each, and what is in them.
-        self.inside = {seed: sorted(seed.iterdir()) if seed.is_dir() else [seed] for seed in self.seeds}
+        self.inside = {
+            seed: sorted(file for file in seed.rglob("*") if file.is_file()) if seed.is_dir() else [seed]
+            for seed in self.seeds
+        }
         self.sound = {file: file.read_bytes() for files in self.inside.values() for file in files}
         self.subject = ""
+        self.peak: int | None = None
         try:
             self.mallopt: Any = ctypes.CDLL(None).mallopt
         except (OSError, AttributeError):
@@ -68,18 +73,27 @@ class Files:
         options = {"nan": "transparent"} | OPTIONS[rng.integers(len(OPTIONS))]
         bare = damaged == path and rng.random() < 0.02
         shape, dtype = rng.integers(1, 12, 3).tolist(), ("u1", "i2", "f4", "f8", "u8")[rng.integers(5)]
-        volumes = []
-        self.subject = f"{'bare' if bare else _format(seed)}, read"
+        stored = seed.suffix == ".zarr" or (seed.suffix in (".npy", ".nii", ".h5") and rng.random() < 0.3)
+        volumes: list[Any] = []
+        self.subject = f"{'bare' if bare else _format(seed)}{' as a store' * stored}, read"
+
+        def once() -> Any:
+            if stored:
+                return Stored(path)
+            if bare:
+                return read_raw(path, shape, dtype, nan="transparent", offset=path.stat().st_size // 3)
+            return read(path, **options)
+
         try:
             # Memory that nobody wrote into differs from one reading to the next. Not at first, and not where pydicom
             # asks for as much as an element declares and takes what there is: it is then all touched.
             for byte in (0, 0 if is_dicom(damaged) else 0xC3):
                 self.mallopt(PERTURB, byte)
-                volumes.append(
-                    read_raw(path, shape, dtype, nan="transparent", offset=path.stat().st_size // 3)
-                    if bare
-                    else read(path, **options)
-                )
+                try:
+                    volumes.append(once())
+                finally:
+                    # Of the first: what libraries ask for and leave as it is counts only where it is not filled.
+                    self.peak = memory.peak() if not byte else self.peak
         except CLEAR as error:
             self.subject = self.subject.replace(", read", ", refused")
             names = {path.name, damaged.name, seed.name, *options}
@@ -95,9 +109,26 @@ class Files:
         return ""
 
 
+class Stored:
+    """The first and the last samples of a store, and where they are."""
+
+    def __init__(self, path: Path):
+        volume = wvr.open(path)
+        last = np.array(volume.shape[::-1], np.int64) - 1
+        self.index_to_world = volume.index_to_world
+        parts = [
+            volume.region(low, np.minimum(low + 5, last)) for low in (np.zeros(3, np.int64), np.maximum(last - 5, 0))
+        ]
+        self._samples = np.concatenate([part.ravel() for part in parts])
+
+    def numpy(self) -> np.ndarray:
+        return self._samples
+
+
 def _format(seed: Path) -> str:
     """What a seed is of: the extension of it or of what is in it."""
-    ending = next((file.suffix for file in sorted(seed.iterdir())), "") if seed.is_dir() else seed.suffix
+    inside = seed.is_dir() and seed.suffix != ".zarr"
+    ending = next((file.suffix for file in sorted(seed.iterdir())), "") if inside else seed.suffix
     return {"": ".dcm", ".mrc.gz": ".mrc", ".bz2": ".nhdr", ".raw": ".nhdr"}.get(ending, ending)
 
 

@@ -13,7 +13,7 @@ import pydicom
 import tifffile
 from PIL import Image
 
-from ..io.files import BIG, FIELD, LITTLE, dicom, image, legacy, meta, nifti, npy, nrrd, vti
+from ..io.files import BIG, FIELD, LITTLE, amira, dicom, image, legacy, meta, nifti, npy, nrrd, runs, vti
 
 TEXT = " ".join(map(str, FIELD.ravel())).encode()
 
@@ -31,6 +31,10 @@ def contents() -> dict[str, bytes]:
         "raw.mha": meta(LITTLE, more="AnatomicalOrientation = RAI\nHeaderSize = 0\n"),
         "zlib.mha": meta(zlib.compress(LITTLE), True),
         "text.mha": meta(TEXT).replace(b"BinaryData = True", b"BinaryData = False"),
+        "raw.am": amira(LITTLE),
+        "text.am": amira(TEXT, "ASCII", before=b"0 1\n" * 60),
+        "zip.am": amira(packed := zlib.compress(LITTLE), packing=f"(HxZip,{len(packed)})"),
+        "runs.am": amira(packed := runs(LITTLE[::2]), kind="byte", packing=f"(HxByteRLE,{len(packed)})"),
         "s1.nii": nifti(LITTLE, slope=2, intercept=-5),
         "q2.nii": nifti(BIG, ">", version=2, form="qform"),
         "q1.nii.gz": gzip.compress(nifti(LITTLE, form="qform")),
@@ -125,6 +129,7 @@ def make(folder: Path) -> list[Path]:
     _other_dicom(folder)
     _compressed_dicom(folder)
     _by_packages(folder)
+    _stores(folder)
     for name in ("series", "png", "jpeg", "bmp", "tiff"):
         (folder / name).mkdir()
     for k, page in enumerate(FIELD):
@@ -204,3 +209,30 @@ def _by_packages(folder: Path) -> None:
         with h5py.File(folder / f"{name}.h5", "w", libver="latest" if name == "filters" else "earliest") as file:
             group = file.create_group("g") if name == "chunks" else file
             group.create_dataset("v", data=FIELD, **options).attrs["element_size_um"] = (3.0, 2.0, 1.0)
+
+
+def _stores(folder: Path) -> None:
+    """Zarr of both versions, in chunks and in shards, and a pyramid."""
+    import zarr
+
+    for name, version, options in (
+        ("two.zarr", 2, {}),
+        ("three.zarr", 3, {}),
+        ("shards.zarr", 3, {"shards": (4, 2, 4)}),
+    ):
+        array = zarr.create_array(
+            folder / name, shape=FIELD.shape, chunks=(2, 2, 2), dtype="i2", zarr_format=version, **options
+        )
+        array[:] = FIELD
+    group = zarr.open_group(folder / "pyramid.zarr", mode="w", zarr_format=2)
+    for level in range(2):
+        part = FIELD[:: 2**level, :: 2**level, :: 2**level]
+        group.create_array(str(level), shape=part.shape, chunks=(2, 3, 3), dtype="i2")[:] = part
+    scales = [[{"type": "scale", "scale": [3.0 * k, 2.0 * k, 1.5 * k]}] for k in (1, 2)]
+    group.attrs["multiscales"] = [
+        {
+            "version": "0.4",
+            "axes": [{"name": name, "type": "space", "unit": "micrometer"} for name in "zyx"],
+            "datasets": [{"path": str(k), "coordinateTransformations": scale} for k, scale in enumerate(scales)],
+        }
+    ]

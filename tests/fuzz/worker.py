@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from . import memory
 from .arguments import Arguments
 from .files import Files
 from .scenes import Scenes
@@ -29,24 +30,14 @@ def rng_of(kind: str, number: int) -> np.random.Generator:
     return np.random.default_rng([sorted(KINDS).index(kind), number])
 
 
-def peak(anew: bool = False) -> int:
-    """The most bytes of memory that the process had, since it was asked for ``anew``, where the system tells."""
-    try:
-        if anew:
-            Path("/proc/self/clear_refs").write_text("5")
-        return 1024 * int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0])
-    except (OSError, IndexError):
-        return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-
-
 def outcome(target: Any, kind: str, number: int) -> str:
     """What is wrong with a case; nothing if all is right."""
-    before = peak(anew=True)
+    before = memory.peak(anew=True)
     try:
         found = target.run(rng_of(kind, number))
     except Exception:
         found = f"unclear: {traceback.format_exc()}"
-    grown = peak() - before
+    grown = (getattr(target, "peak", None) or memory.peak()) - before
     return f"blow-up: {grown / 2**20:.0f} MiB. {found}" if grown > GROWTH else found
 
 

@@ -48,6 +48,32 @@ def meta(data: bytes, compressed=False, kind="MET_SHORT", file="LOCAL", more="")
     return head.encode() + data
 
 
+def amira(data: bytes, order="BINARY-LITTLE-ENDIAN", kind="short", packing="", before=b"", more="") -> bytes:
+    """A lattice of which the matrix is a quarter turn and a shift, in Amira's rows; its box ends at the last sample."""
+    matrix = "0 1 0 0 -1 0 0 0 0 0 1 0 10 20 30 1"
+    first = "Lattice { float[2] Flow } @1\n" if before else ""
+    head = (
+        f"# AmiraMesh {order} 2.1\n\n\ndefine Lattice 5 3 4\n\nParameters {{\n"
+        f'    Content "5x3x4 {kind}, uniform coordinates",\n    BoundingBox 0 6 0 4 0 9,\n'
+        f'    CoordType "uniform",\n    TransformationMatrix {matrix}\n}}\n\n{first}'
+        f"Lattice {{ {kind} Data }} @{2 if before else 1}{packing}\n{more}\n# Data section follows\n@1\n"
+    )
+    return head.encode() + (before + b"\n@2\n" if before else b"") + data + b"\n"
+
+
+def runs(content: bytes) -> bytes:
+    """Packed as HxByteRLE does: every second run as it is, the others of equal bytes."""
+    packed, at = b"", 0
+    while at < len(content):
+        equal = 1
+        while equal < 127 and content[at : at + 1] * (equal + 1) == content[at : at + equal + 1]:
+            equal += 1
+        part = content[at : at + 3]
+        packed += bytes([equal]) + content[at : at + 1] if equal > 1 else bytes([128 + len(part)]) + part
+        at += equal if equal > 1 else len(part)
+    return packed
+
+
 def nifti(
     data: bytes, order="<", version=1, form="sform", code=4, bits=16, slope=0.0, intercept=0.0, dims=(3, 5, 3, 4)
 ):

@@ -310,7 +310,7 @@ def test_patterns_of_data_files(tmp_path):
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no pipes with names")
 @pytest.mark.parametrize(
-    "ending", ["nrrd", "mha", "nii", "vti", "vtk", "tif", "npy", "npz", "h5", "mrc", "mgz", "dcm", "xyz"]
+    "ending", ["nrrd", "mha", "nii", "vti", "vtk", "tif", "npy", "npz", "h5", "mrc", "mgz", "dcm", "am", "xyz"]
 )
 def test_only_regular_files_are_opened(tmp_path, ending):
     pipe, device = tmp_path / f"pipe.{ending}", tmp_path / f"zero.{ending}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import io
 import zipfile
+import zlib
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from PIL import Image
 
 from wvr.io import read
 
-from .files import FIELD, LITTLE, ORIGIN, SPACING, TURNED, check, dicom, meta, nifti, nrrd
+from .files import BIG, FIELD, LITTLE, ORIGIN, SPACING, TURNED, amira, check, dicom, meta, nifti, nrrd, runs
 
 PLAIN = ((1, 1, 1), (0, 0, 0), np.eye(3))
 TIMES = np.stack([FIELD, FIELD + 1000, FIELD - 1000])
@@ -378,3 +379,67 @@ def test_dicom_positions_are_three_numbers(tmp_path):
         edited(tmp_path / "a.dcm", ImagePositionPatient=place)
         with pytest.raises(OSError, match=r"a\.dcm .*its position must be three numbers"):
             read(tmp_path / "a.dcm")
+
+
+TEXT = " ".join(map(str, FIELD.ravel())).encode()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        amira(LITTLE),
+        amira(BIG, "BINARY"),
+        amira(TEXT, "ASCII"),
+        amira(zlib.compress(LITTLE), packing=f"(HxZip,{len(zlib.compress(LITTLE))})"),
+        amira(LITTLE, before=bytes(8 * 60)),
+        amira(TEXT, "3D ASCII", before=b"0 1\n" * 60),
+    ],
+    ids=["little", "big", "text", "zip", "second", "second of text"],
+)
+def test_amira(tmp_path, content):
+    """Samples and places as the format's description has them, in every packing and behind another array."""
+    (tmp_path / "a.am").write_bytes(content)
+    check(read(tmp_path / "a.am", "Data"))
+    if b"Flow" in content:
+        with pytest.raises(ValueError, match=r"a\.am: .* pick one with scalars=, of Flow, Data"):
+            read(tmp_path / "a.am")
+        with pytest.raises(ValueError, match="2 components"):
+            read(tmp_path / "a.am", "Flow")
+
+
+def test_amira_labels_in_runs(tmp_path):
+    labels = np.repeat(np.arange(60, dtype=np.uint8) % 7, np.arange(60) % 5)[:60].reshape(FIELD.shape)
+    packed = runs(labels.tobytes())
+    content = amira(packed, kind="byte", packing=f"(HxByteRLE,{len(packed)})")
+    (tmp_path / "a.am").write_bytes(content)
+    check(read(tmp_path / "a.am"), labels)
+    (tmp_path / "b.am").write_bytes(content[:-5])
+    with pytest.raises(OSError, match=r"b\.am is truncated or corrupt: .* packed bytes, 4 are missing"):
+        read(tmp_path / "b.am")
+    (tmp_path / "c.am").write_bytes(content.replace(b"Lattice 5 3 4", b"Lattice 5 3 3"))
+    with pytest.raises(OSError, match=r"c\.am holds more than it declares"):
+        read(tmp_path / "c.am")
+
+
+@pytest.mark.parametrize(
+    "old, new, said",
+    [
+        (b'CoordType "uniform"', b'CoordType "curvilinear"', "uniform coordinates"),
+        (b"AmiraMesh", b"HyperSurface", "no header of an AmiraMesh"),
+        (b"{ short", b"{ complex", "'complex' of its array 'Data' is none of byte"),
+        (b" } @1", b" } @1(HxLZ4,120)", "packed by 'HxLZ4'"),
+        (b" } @1", b" } @1(HxByteRLE,120)", "packed by runs of bytes"),
+        (b" } @1", b" } @3", "data begin with @1, which its header does not declare"),
+        (b"0 6 0 4 0 9", b"0 6 0 4", "BoundingBox must be 6 numbers"),
+        (b"10 20 30 1", b"10 20 30 2", "no affine"),
+        (b"Lattice 5 3 4", b"Lattice 5 3 5", "150 bytes, and holds 121"),
+        (b"Lattice 5 3 4", b"Lattice 5 3 3", "31 or more bytes after"),
+        (b"Lattice 5 3 4", b"Lattice 5 3", "three dimensions"),
+    ],
+)
+def test_amira_files_that_are_not_read(tmp_path, old, new, said):
+    content = amira(LITTLE)
+    assert old in content
+    (tmp_path / "a.am").write_bytes(content.replace(old, new))
+    with pytest.raises((OSError, ValueError), match=rf"a\.am.*{said}"):
+        read(tmp_path / "a.am")

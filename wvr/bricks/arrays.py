@@ -9,7 +9,10 @@ from numpy.typing import ArrayLike
 
 from ..sources import AXIS_OF
 from ..validation import near
-from .stored import Samples, StoredVolume
+from .stored import ALONG, Samples, StoredVolume
+
+# Chunks along an axis, each of which is kept in mind.
+MOST = 1 << 20
 
 
 def named(names: list[str], name: str | None, what: str) -> str:
@@ -62,6 +65,11 @@ def of_array(
         names = ([f"axis{n}" for n in range(dims - 5)] + ["t", "c", "z", "y", "x"])[-dims:]
     axes, fixed = _selected(names, tuple(array.shape), selection, name)
     lengths = None
+    for axis in axes:
+        n, chunk = int(array.shape[axis]), ALONG if chunks is None else chunks[axis]
+        count = len(chunk) if isinstance(chunk, tuple) else -(-n // max(int(chunk), 1))
+        if count > MOST:
+            raise ValueError(f"{name} has {count:,} chunks along axis {axis}, at most {MOST:,} can be: use larger ones")
     if chunks is not None:
         lengths = tuple(_lengths(chunks[axis], int(array.shape[axis])) for axis in axes)
     samples = Samples(array, name, axes, fixed, lengths, **more)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -178,12 +178,10 @@ def _path(name: str, level: int | None, scalars: str | None, selection: dict, ra
             f"store must be zarr, HDF5, .npy, .nii, or a raw file with shape and dtype, got {name!r}: wvr.read reads "
             f"other files, .nii.gz among them, as a whole"
         )
-    zarr = _zarr()
-    try:
-        node = zarr.open(name, mode="r")
-    except Exception as error:
-        raise OSError(f"{name!r} is no zarr store ({type(error).__name__}: {error})") from error
-    return _node(node, level, scalars, selection, None if url else path)
+    with needs("zarr", "zarr", "distributed"):
+        import zarr
+    with _sound(name):
+        return _node(zarr.open(name, mode="r"), level, scalars, selection, None if url else path)
 
 
 def _object(store: Any, level: int | None, scalars: str | None, selection: dict) -> Opened:
@@ -212,19 +210,26 @@ def _object(store: Any, level: int | None, scalars: str | None, selection: dict)
     return of_array(store, type(store).__name__, chunks, selection), None
 
 
-def _zarr() -> Any:
-    with needs("zarr", "zarr", "distributed"):
-        import zarr
-    return zarr
-
-
 # Zarr.
+
+
+@contextmanager
+def _sound(name: str) -> Iterator[None]:
+    """Turns what is raised for nonsense in a store's files into an ``OSError`` that names it."""
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, (ImportError, MemoryError)) or (
+            type(error) in (ValueError, TypeError) and name in str(error)
+        ):
+            raise
+        raise OSError(f"{name!r} is no sound zarr store ({type(error).__name__}: {error})") from error
 
 
 def _node(node: Any, level: int | None, scalars: str | None, selection: dict, path: Path | None) -> Opened:
     if hasattr(node, "shape"):
         if level is not None:
-            raise ValueError(f"level is for pyramids (OME-Zarr), got {level!r} for an array")
+            raise ValueError(f"level is for pyramids (OME-Zarr), got {level!r} for an array, {path or node.name}")
         volume = _zarr_array(node, str(path or node.name), selection, getattr(node.metadata, "dimension_names", None))
         return volume, None if path is None else sidecar(path, selection=selection)
     attributes = node.attrs.asdict()
@@ -238,8 +243,10 @@ def _node(node: Any, level: int | None, scalars: str | None, selection: dict, pa
 
 
 def _zarr_array(array: Any, name: str, selection: dict, names: Any = None) -> StoredVolume:
+    from .blosc import checked
+
     known = None if names is None or None in names else [str(one) for one in names]
-    volume = of_array(array, name, array.chunks, selection, known)
+    volume = of_array(checked(array), name, array.chunks, selection, known)
     root = getattr(array.store, "root", None)
     if root is None:
         return volume

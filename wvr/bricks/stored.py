@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -213,7 +214,7 @@ class StoredVolume(Field):
 
     @property
     def nbytes(self) -> int:  # type: ignore[override]
-        return int(np.prod(self.shape)) * self.dtype.itemsize
+        return math.prod(self.shape) * self.dtype.itemsize
 
     def region(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> NDArray:
         """The samples from ``low`` to ``high``, both included, along x, y, z.

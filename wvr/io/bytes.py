@@ -28,7 +28,16 @@ CHUNK = 1 << 14
 LONGEST_LINE = 1 << 20
 LONGEST_HEADER = 1 << 24
 # How many bytes become of one at most; a stream of bzip2 that says "the same again" is that dense.
-DENSEST = {"raw": 1, "lz4": 256, "gzip": 1040, "zlib": 1040, "lzma": 10_000, "image": 100_000, "bzip2": 2_000_000}
+DENSEST = {
+    "raw": 1,
+    "rle": 64,
+    "lz4": 256,
+    "gzip": 1040,
+    "zlib": 1040,
+    "lzma": 10_000,
+    "image": 100_000,
+    "bzip2": 2_000_000,
+}
 
 
 class Flaw(Exception):  # noqa: N818 - of a file

@@ -17,6 +17,7 @@ from ..interop import RESAMPLE
 from ..samples import Grid, NanPolicy, Unsupported, narrowed
 from ..validation import choice, path_of
 from ..volume import Volume
+from .amira import read_amira
 from .bytes import layout_of
 from .dicom import dicom_files, is_dicom, read_dicom, read_dicom_folder
 from .hdf5 import read_hdf5
@@ -40,13 +41,14 @@ def read(
     ----------
     path
         NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), NIfTI (.nii, .nii.gz, .hdr and .img), MGH (.mgh, .mgz), MRC and
-        CCP4 (.mrc, .map, .ccp4), VTK image data (.vti, legacy .vtk), TIFF with a page per slice (.tif, .tiff), NumPy
-        (.npy, .npz, axes z, y, x), HDF5 (.h5, .hdf5), DICOM (any name); or a folder with either one TIFF, PNG, JPEG or
-        BMP image per slice, in natural order of their names, or one DICOM series, in order of position.
+        CCP4 (.mrc, .map, .ccp4), VTK image data (.vti, legacy .vtk), AmiraMesh (.am), TIFF with a page per slice
+        (.tif, .tiff), NumPy (.npy, .npz, axes z, y, x), HDF5 (.h5, .hdf5), DICOM (any name); or a folder with either
+        one TIFF, PNG, JPEG or BMP image per slice, in natural order of their names, or one DICOM series, in order of
+        position.
     scalars
-        Name of the array, for VTK, npz and HDF5 files with several; by default the only or, of VTK's, the active one.
-        Samples stored on cells sit at the cells' centres: the volume is then half a cell smaller on every side than
-        the file's box.
+        Name of the array, for VTK, AmiraMesh, npz and HDF5 files with several; by default the only or, of VTK's, the
+        active one. Samples stored on cells sit at the cells' centres: the volume is then half a cell smaller on every
+        side than the file's box.
     nan
         What to do with NaN and infinite samples, see :class:`Volume`.
     frame
@@ -192,6 +194,7 @@ READERS = {
     ".ccp4": Format(read_mrc),
     ".vti": Format(read_vti, named=True),
     ".vtk": Format(read_legacy, named=True),
+    ".am": Format(read_amira, named=True),
     ".tif": Format(read_tiff),
     ".tiff": Format(read_tiff),
     ".dcm": Format(read_dicom),
