@@ -87,5 +87,10 @@ def placed(volume: StoredVolume, steps: ArrayLike, origin: ArrayLike) -> StoredV
     """At world steps along x, y, z, which may be negative, or columns of a matrix."""
     given = np.asarray(steps, np.float64)
     columns = np.diag(given) if given.ndim == 1 else given
-    spacing = np.linalg.norm(columns, axis=0)
-    return StoredVolume(volume.samples, spacing, origin, columns / spacing, volume.nan, volume.anatomical)
+    with np.errstate(all="ignore"):
+        spacing = np.linalg.norm(columns, axis=0)
+        direction = columns / np.where(spacing > 0, spacing, 1)
+    try:
+        return StoredVolume(volume.samples, spacing, origin, direction, volume.nan, volume.anatomical)
+    except ValueError as error:
+        raise ValueError(f"{volume.samples.name}: {error}") from None

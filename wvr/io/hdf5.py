@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Container, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..samples import Grid
 from .bytes import Flaw, corrupt, empty, needs, opened
@@ -17,38 +20,62 @@ SPACING = "element_size_um"
 
 
 def read_hdf5(path: Path, name: str | None) -> Grid:
-    with needs("h5py", "HDF5", "hdf5"):
-        import h5py
-
-    size = 0
-    with opened(path) as file:
-        if file.read(8) != b"\x89HDF\r\n\x1a\n":
-            raise Flaw("no HDF5 signature at its start")
-        size = path.stat().st_size
-    with corrupt(path):
-        found = h5py.File(path, "r")
-    with found as file:
-        names: list[str] = []
+    with opened_hdf5(path) as file:
+        names = names_of(path, file, (3, 4))
+        data = data_of(path, file, pick(path, None if name is None else name.strip("/"), names))
         with corrupt(path):
-            # Links out of the file are not followed.
-            file.visititems(lambda found, item: _listed(names, found, item))
-        chosen = pick(path, None if name is None else name.strip("/"), names)
-        with corrupt(path):
-            data = file[chosen]
-            if data.external is not None or data.is_virtual:
-                raise Flaw(f"the samples of {chosen!r} are in other files: copy them into one")
-            _check_held(data)
-            array = empty(data.shape, data.dtype, size, "image")
+            array = empty(data.shape, data.dtype, path.stat().st_size, "image")
             data.read_direct(array)
-            spacing = np.ravel(np.asarray(data.attrs.get(SPACING, (1.0, 1.0, 1.0)), np.float64))[::-1][:3]
-            if spacing.shape != (3,):
-                raise Flaw(f"its {SPACING} must be three numbers, got {spacing.tolist()}")
+            spacing = spacing_of(data)
     return Grid(array, np.diag(spacing), np.zeros(3), "", (path,))
 
 
-def _listed(names: list[str], name: str, item: Any) -> None:
-    if hasattr(item, "shape") and item.shape is not None and len(item.shape) in (3, 4) and item.dtype.kind in "biufc":
-        names.append(name)
+@contextmanager
+def opened_hdf5(path: Path) -> Iterator[Any]:
+    """The file, by h5py."""
+    with needs("h5py", "HDF5", "hdf5"):
+        import h5py
+
+    with opened(path) as file:
+        if file.read(8) != b"\x89HDF\r\n\x1a\n":
+            raise Flaw("no HDF5 signature at its start")
+    with corrupt(path):
+        found = h5py.File(path, "r")
+    with found:
+        yield found
+
+
+def names_of(path: Path, file: Any, axes: Container[int]) -> list[str]:
+    """Of its data sets of numbers with so many axes."""
+    names: list[str] = []
+
+    def listed(name: str, item: Any) -> None:
+        numbers = hasattr(item, "shape") and item.shape is not None and item.dtype.kind in "biufc"
+        if numbers and len(item.shape) in axes:
+            names.append(name)
+
+    with corrupt(path):
+        # Links out of the file are not followed.
+        file.visititems(listed)
+    return names
+
+
+def data_of(path: Path, file: Any, name: str) -> Any:
+    """A data set of which all samples are in the file."""
+    with corrupt(path):
+        data = file[name]
+        if data.external is not None or data.is_virtual:
+            raise Flaw(f"the samples of {name!r} are in other files: copy them into one")
+        _check_held(data)
+        return data
+
+
+def spacing_of(data: Any) -> NDArray[np.float64]:
+    """Along x, y, z."""
+    spacing = np.ravel(np.asarray(data.attrs.get(SPACING, (1.0, 1.0, 1.0)), np.float64))[::-1][:3]
+    if spacing.shape != (3,) or not np.all(spacing > 0) or not np.all(np.isfinite(spacing)):
+        raise Flaw(f"its {SPACING} must be three numbers > 0, got {spacing[::-1].tolist()}")
+    return spacing
 
 
 def _check_held(data: Any) -> None:

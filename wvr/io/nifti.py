@@ -4,19 +4,44 @@ from __future__ import annotations
 
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..samples import Grid, components_error, rescaled
-from .bytes import Flaw, corrupt, guess, opened, packing_of, samples, start_of
+from .bytes import Flaw, guess, opened, packing_of, samples, start_of
 
 # Bytes of the longest header.
 HEADER = 540
 
 
+class Layout(NamedTuple):
+    """What a header says of samples: file, dtype, lengths along x, y, z, time and so on, first byte, scale, place."""
+
+    data: Path
+    dtype: np.dtype
+    dims: tuple[int, ...]
+    start: int
+    slope: float
+    intercept: float
+    place: tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
 def read_nifti(path: Path) -> Grid:
+    data, dtype, dims, start, slope, intercept, place = layout(path)
+    dims = (*dims, *[1] * (7 - len(dims)))
+    components = int(np.prod(dims[4:]))
+    components *= len(dtype.names) if dtype.names else 1 + (dtype.kind == "c")
+    if components != 1:
+        raise components_error(str(path), components)
+    with opened(data) as file:
+        array = rescaled(samples(file, dtype, dims[3::-1], packing_of(file), start), slope, intercept)
+    array = array if dims[3] > 1 else array[0]
+    return Grid(array, *place, "RAS", tuple(dict.fromkeys((path, data))))
+
+
+def layout(path: Path) -> Layout:
     from nibabel import Nifti1Header, Nifti2Header, imageglobals
 
     with opened(path) as file:
@@ -32,9 +57,22 @@ def read_nifti(path: Path) -> Grid:
             raise Flaw(f"its magic is {magic!r} where n+1, n+2, ni1 or ni2 is expected")
         with imageglobals.LoggingOutputSuppressor():
             head = kind.from_fileobj(BytesIO(content[:size]), check=False)
-        steps, origin = place_of(path, head)
-    pair = magic[1:2] == b"i"
-    return _read(path, _partner(path) if pair else path, head, 0 if pair else size, (steps, origin))
+        place = place_of(path, head)
+        dimension, *dims = (int(n) for n in head["dim"])
+        if not 1 <= dimension <= 7 or min(dims[:dimension]) < 1:
+            raise Flaw(f"its header has the dimensions {dims[: max(dimension, 0)]}")
+        dtype = head.get_data_dtype()
+        pair = magic[1:2] == b"i"
+        start, least = int(head["vox_offset"]), 0 if pair else size
+        if start < least and start != 0:
+            raise Flaw(f"its samples start at byte {start}, within its header of {least}")
+        # A slope of 0 or NaN means none.
+        slope, intercept = float(head["scl_slope"]), float(head["scl_inter"])
+        if not slope or not np.isfinite(slope):
+            slope, intercept = 1.0, 0.0
+    data = _partner(path) if pair else path
+    intercept = intercept if np.isfinite(intercept) else 0.0
+    return Layout(data, dtype, tuple(dims[:dimension]), max(start, least), slope, intercept, place)
 
 
 def read_mgh(path: Path) -> Grid:
@@ -62,33 +100,6 @@ def _partner(path: Path) -> Path:
         if (path.parent / candidate).exists():
             return path.parent / candidate
     raise FileNotFoundError(f"{path} is the header of {stem}.img, which is not beside it")
-
-
-def _read(
-    path: Path, data: Path, head: Any, least: int, place: tuple[NDArray[np.float64], NDArray[np.float64]]
-) -> Grid:
-    with corrupt(path):
-        dimension, *dims = (int(n) for n in head["dim"])
-        if not 1 <= dimension <= 7 or min(dims[:dimension]) < 1:
-            raise Flaw(f"its header has the dimensions {dims[: max(dimension, 0)]}")
-        dims = dims[:dimension] + [1] * (7 - dimension)
-        dtype = head.get_data_dtype()
-        start = int(head["vox_offset"])
-        if start < least and start != 0:
-            raise Flaw(f"its samples start at byte {start}, within its header of {least}")
-        start = max(start, least)
-    components = int(np.prod(dims[4:]))
-    components *= len(dtype.names) if dtype.names else 1 + (dtype.kind == "c")
-    if components != 1:
-        raise components_error(str(path), components)
-    with opened(data) as file:
-        array = samples(file, dtype, dims[3::-1], packing_of(file), start)
-        # A slope of 0 or NaN means none.
-        slope, intercept = float(head["scl_slope"]), float(head["scl_inter"])
-        if slope and np.isfinite(slope):
-            array = rescaled(array, slope, intercept if np.isfinite(intercept) else 0.0)
-    array = array if dims[3] > 1 else array[0]
-    return Grid(array, *place, "RAS", tuple(dict.fromkeys((path, data))))
 
 
 def place_of(path: Path, head: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

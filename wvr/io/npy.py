@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 from io import BytesIO
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib import format as npy
@@ -46,10 +47,17 @@ def pick(path: Path, name: str | None, names: list[str]) -> str:
     return names[0] if name is None else name
 
 
-def _array(stream: Stream, held: int) -> NDArray:
-    start = b""
-    while len(start) < LONGEST and (part := stream.read(LONGEST - len(start))):
-        start += part
+class Header(NamedTuple):
+    """What an array is, and of how many bytes that is said."""
+
+    shape: tuple[int, ...]
+    fortran: bool
+    dtype: np.dtype
+    length: int
+
+
+def header_of(start: bytes) -> Header:
+    """By the first bytes of a file."""
     head = BytesIO(start)
     version = npy.read_magic(head)
     if version not in ((1, 0), (2, 0), (3, 0)):
@@ -58,9 +66,17 @@ def _array(stream: Stream, held: int) -> NDArray:
     shape, fortran, dtype = read(head)
     if dtype.hasobject:
         raise Flaw("it holds Python objects (a pickle), which are not read: save an array of numbers")
-    array = empty(shape[::-1] if fortran else shape, dtype, held - head.tell())
-    fill(array, _After(start[head.tell() :], stream))
-    if extra := held - head.tell() - array.nbytes:
+    return Header(shape, fortran, dtype, head.tell())
+
+
+def _array(stream: Stream, held: int) -> NDArray:
+    start = b""
+    while len(start) < LONGEST and (part := stream.read(LONGEST - len(start))):
+        start += part
+    shape, fortran, dtype, length = header_of(start)
+    array = empty(shape[::-1] if fortran else shape, dtype, held - length)
+    fill(array, _After(start[length:], stream))
+    if extra := held - length - array.nbytes:
         raise too_many(extra, array)
     return array.T if fortran else array
 
