@@ -10,9 +10,10 @@ import warp as wp
 from ..field.walk import MARGIN, make_walk
 from ..precision import vec3_of, vec4_of
 from ..ray import ending, entry, inside, inverted, pixel
-from ..segment import make_absorbed, over, widened
+from ..segment import make_absorbed, over
+from .lanes import PARTS, lanes_of
 from .points import make_shading
-from .tissue import make_depth, make_tissue
+from .tissue import make_depth, make_shone_on, make_tissue
 from .travel import make_way
 
 # What is seen of a part, as optical depth, up to which it has the light of slices; from twice that on, traced light.
@@ -45,8 +46,12 @@ def make_advance(halves):
     absorbed, _ = make_absorbed(real)
     _, enter, _, skip = make_walk(real)
     tissue = make_tissue(halves)
+    shone_on = make_shone_on(halves)
     depth = make_depth(halves)
     way_of = make_way(real)
+    lanes = lanes_of(halves)
+    packed = lanes is not None
+    measure = lanes and lanes.measure
 
     @wp.func
     def light_on(stack: wp.array3d(dtype=real), number: int, u: real, v: real):
@@ -99,17 +104,21 @@ def make_advance(halves):
         scene: Scene,
         first: int,
         count: int,
+        fresh: bool,
         stack: wp.array3d(dtype=real),
         seen_by: Eye,
     ):
         """The eye's rays through ``count`` slabs from the ``first``; ``stack`` is the light of the slices around them.
 
-        Only rays that are ``shown``.
+        Only rays that are ``shown``; ``fresh`` ones have come to nothing yet.
         """
         sweep = scene.march
         x, y = pixel(scene.view, wp.tid() + base)
         if y >= scene.view.height:
             return
+        if fresh:
+            seen_by.rgba[y, x] = wp.vec4d()
+            seen_by.lit[y, x] = wp.vec3d()
         if seen_by.shown[y, x] == wp.uint8(0):
             return
         before = seen_by.rgba[y, x]
@@ -158,17 +167,20 @@ def make_advance(halves):
         eye = vec3()
         if wp.static(lighted):
             eye = eye_of(scene, direction)
-        ray = wp.vec4d()
-        shone = wp.vec3d()
+        clear = wp.float64(1.0)
+        plain = vec3()
+        shone = vec3()
         if onward:
-            ray = before
-            shone = seen_by.lit[y, x]
+            clear = wp.float64(1.0) - before[3]
+        least = wp.float64(1.0) - scene.opaque
         evaluated = int(0)
         k = wp.max(int(wp.floor(-t0 / part)), 0)
         last = count * sweep.parts
         idle = bool(True)
         # What the last part or slab knew of its end, where that is the one before: its scalar, light, and traced light.
         measured = int(-2)
+        known = int(-PARTS)  # the first of the parts that are measured together
+        seen = wp.zeros(shape=(7, 8), dtype=real)
         even = int(-2)
         traced_to = int(-2)
         back = real(0.0)
@@ -176,13 +188,14 @@ def make_advance(halves):
         far = real(0.0)
         L1 = real(0.0)
         D1 = real(0.0)
-        while k < last and ray[3] <= scene.opaque:
+        while k < last and clear >= least:
             start = t0 + real(k) * part
             a = wp.max(start, real(0.0))
             b = wp.min(start + part, length)
             if a >= length:
                 break
-            if idle:
+            n = k - known
+            if idle and (wp.static(not packed) or n >= PARTS):
                 end = skip(scene.blocks.kinds, enter(scene.field.last, origin, direction, a), length).t
                 ahead = wp.where(end >= length, last, int((end - real(wp.static(MARGIN)) - t0) / part))
                 if ahead > k:
@@ -190,19 +203,39 @@ def make_advance(halves):
                     continue
             h = b - a
             front = back
-            if wp.static(preintegrated):
-                if measured != k - 1:
-                    front = value(scene.field, origin + a * direction)
-                back = value(scene.field, origin + b * direction)
-                measured = k
-            q = tissue(scene, origin + a * direction, direction, eye, h, front, back)
+            q = vec4()
+            A = real(0.0)
+            if wp.static(packed):
+                if n >= PARTS:
+                    table = scene.table
+                    n = measure(
+                        scene.field, table.rgba, table.low, table.scale, origin, direction, t0, part, length, k, seen
+                    )
+                    known = k
+                    if n > 0:
+                        # The next with something to see.
+                        evaluated += n
+                        k += n
+                        idle = True
+                        continue
+                q = vec4(seen[2, n], seen[3, n], seen[4, n], seen[5, n])
+                A = seen[6, n]
+                if wp.static(lighted):
+                    q = shone_on(scene, q, origin + (a + real(0.5) * h) * direction, seen[1, n], seen[1, n + 1], eye)
+            else:
+                if wp.static(preintegrated):
+                    if measured != k - 1:
+                        front = value(scene.field, origin + a * direction)
+                    back = value(scene.field, origin + b * direction)
+                    measured = k
+                q = tissue(scene, origin + a * direction, direction, eye, h, front, back)
+                A = absorbed(q[3] * h)
             idle = q[3] <= real(0.0)
             if not idle:
                 D = q[3] * h
-                A = absorbed(D)
                 B = real(0.0)  # of the emission of the part what is seen of it in its light
                 if wp.static(traced):
-                    visible = D * real(wp.float64(1.0) - ray[3])
+                    visible = D * real(clear)
                     dense = wp.clamp(visible / real(wp.static(FAINT)) - real(1.0), real(0.0), real(1.0))
                     if dense < real(1.0):
                         slab = k // sweep.parts
@@ -238,16 +271,23 @@ def make_advance(halves):
                     if sweep.parts == 1:
                         t = wp.where(onward, start, start + part)  # at the slab's front
                     B = A * between(stack, real(slice) + rise * (t - t0), u + t * du, v + t * dv)
-                through = (wp.float64(1.0) - ray[3]) * wp.float64(B)
-                shone += through * wp.vec3d(wp.float64(q[0]), wp.float64(q[1]), wp.float64(q[2]))
-                ray = over(ray, widened(vec4(A * q[0], A * q[1], A * q[2], A)))
+                color = real(clear) * vec3(q[0], q[1], q[2])
+                plain += A * color
+                shone += B * color
+                clear *= wp.float64(1.0) - wp.float64(A)
             evaluated += 1
             k += 1
-        if not onward:
-            shone += (wp.float64(1.0) - ray[3]) * seen_by.lit[y, x]
+        ray = wp.vec4d(wp.float64(plain[0]), wp.float64(plain[1]), wp.float64(plain[2]), wp.float64(1.0) - clear)
+        lit = wp.vec3d(shone)
+        if onward:
+            ray += before
+            ray[3] = wp.float64(1.0) - clear
+            lit += seen_by.lit[y, x]
+        else:
+            lit += clear * seen_by.lit[y, x]
             ray = over(ray, before)
         seen_by.rgba[y, x] = ray
-        seen_by.lit[y, x] = shone
+        seen_by.lit[y, x] = lit
         seen_by.samples[y, x] += evaluated
 
     return advance
@@ -260,9 +300,12 @@ def gather(
     lit_rgb: wp.array2d(dtype=wp.vec3d),
     color: wp.vec3d,
     share: bool,
+    fresh: bool,
     result: wp.array2d(dtype=wp.vec3d),
 ):
-    """Adds what one light does to each pixel: colour, or the share of it that light reaches."""
+    """Adds what one light, ``fresh`` if it is the first, does to each pixel: colour, or the share of it that light
+    reaches.
+    """
     item = wp.tid() + base
     y = item // rgba.shape[1]
     x = item - y * rgba.shape[1]
@@ -279,7 +322,10 @@ def gather(
             if plain[c] > wp.float64(1.0e-6) * total:
                 part = lit[c] / plain[c]
             lit[c] = part
-    result[y, x] += wp.cw_mul(color, lit)
+    lit = wp.cw_mul(color, lit)
+    if not fresh:
+        lit += result[y, x]
+    result[y, x] = lit
 
 
 @cache

@@ -10,6 +10,7 @@ from ..field.walk import make_walk
 from ..precision import vec3_of, vec4_of
 from ..transfer.function import make_transfer
 from ..transfer.lookup import make_table
+from .lanes import lanes_of
 from .points import make_point, make_shading
 
 # Optical depth behind which light is seen by nobody: a transparency of 1e-6.
@@ -72,6 +73,31 @@ def make_border(halves):
 
 
 @cache
+def make_shone_on(halves):
+    """``shone_on(scene, q, p, front, back, eye)``: colour and extinction of a part of a ray, p its middle, in the
+    lights of the scene.
+    """
+    real = halves.real
+    vec3 = vec3_of(real)
+    vec4 = vec4_of(real)
+    lighted = halves.light is not None
+    Scene = halves.Scene
+    _, interval, _ = make_transfer(real)
+    _, gradient, light_of, lit, _ = make_shading(halves)
+
+    @wp.func
+    def shone_on(scene: Scene, q: vec4, p: vec3, front: real, back: real, eye: vec3):
+        if wp.static(lighted):
+            if q[3] > real(0.0):
+                I = light_of(scene, p, gradient(scene, p), eye)
+                s = real(0.5) * (front + back)
+                return lit(scene, q, interval(scene.transfer, s), s, I)
+        return q
+
+    return shone_on
+
+
+@cache
 def make_tissue(halves):
     """``tissue(scene, start, direction, eye, h, front, back)`` -> colour and extinction of a stretch of a ray of length
     h, ``front`` and ``back`` the scalars at its ends, which only tables ask for.
@@ -81,15 +107,13 @@ def make_tissue(halves):
     vec4 = vec4_of(real)
     preintegrated = halves.march.preintegrated
     finite = halves.field.finite
-    lighted = halves.light is not None
     labelled = halves.cuts.labels is not None
     whole = not (halves.cuts.naive or labelled)
     Scene = halves.Scene
     value = halves.field.value(real)
     _, lookup = make_table(real)
-    _, interval, _ = make_transfer(real)
-    _, gradient, light_of, lit, _ = make_shading(halves)
     seen = make_point(halves)
+    shone_on = make_shone_on(halves)
     there, border = make_there(halves), make_border(halves)
 
     @wp.func
@@ -110,11 +134,7 @@ def make_tissue(halves):
                     tau = q[3]
                     q /= tau
                     q[3] = tau
-                    if wp.static(lighted):
-                        p = start + middle * direction
-                        I = light_of(scene, p, gradient(scene, p), eye)
-                        s = real(0.5) * (front + back)
-                        q = lit(scene, q, interval(scene.transfer, s), s, I)
+                    q = shone_on(scene, q, start + middle * direction, front, back, eye)
         else:
             s = value(scene.field, start + middle * direction)
             if wp.static(finite) or wp.isfinite(s):
@@ -150,6 +170,9 @@ def make_depth(halves):
     """
     real = halves.real
     vec3 = vec3_of(real)
+    lanes = lanes_of(halves)
+    if lanes is not None:
+        return make_depth_in_lanes(halves, lanes.depth)
     preintegrated = halves.march.preintegrated
     finite = halves.field.finite
     labelled = halves.cuts.labels is not None
@@ -233,5 +256,21 @@ def make_depth(halves):
             q += e
             n += 1
         return total * h * length
+
+    return depth
+
+
+def make_depth_in_lanes(halves, measured):
+    """The same in vectors."""
+    real = halves.real
+    vec3 = vec3_of(real)
+    Scene = halves.Scene
+
+    @wp.func
+    def depth(scene: Scene, p: vec3, d: vec3, length: real, parts: int):
+        view = scene.view
+        table = scene.table
+        low, high = view.seen_low, view.seen_high
+        return measured(scene.field, table.rgba, table.low, table.scale, low, high, p, d, length, parts)
 
     return depth

@@ -19,6 +19,7 @@ import warp as wp
 from ..field.blocks import BITS, EMPTY
 from ..precision import vec3_of
 from ..segment import make_absorbed
+from .lanes import absorbed_of, lanes_of
 from .tissue import make_depth
 
 RUN = wp.constant(8)
@@ -118,6 +119,40 @@ def make_way(real):
     return way_of
 
 
+def make_depths(halves, measured):
+    """``depths`` of ``make_travel`` in vectors."""
+    Run = run_of(halves.real)
+    Scene = halves.Scene
+
+    @wp.func
+    def depths(scene: Scene, z: wp.float64, i: int, j: int, L: Run):
+        sweep = scene.march
+        if wp.max(L) < wp.float32(1.0e-6):
+            return Run()
+        return measured(
+            scene.field,
+            scene.table.rgba,
+            scene.table.low,
+            scene.table.scale,
+            scene.view.seen_low,
+            scene.view.seen_high,
+            sweep.origin,
+            sweep.along,
+            sweep.side,
+            sweep.corner,
+            sweep.diverging,
+            sweep.widening,
+            sweep.slant,
+            sweep.thickness,
+            z,
+            i,
+            j,
+            sweep.parts,
+        )
+
+    return depths
+
+
 @cache
 def make_travel(halves):
     """The kernels ``occupy`` and ``travel`` of a sweep."""
@@ -129,6 +164,32 @@ def make_travel(halves):
     absorbed, _ = make_absorbed(real)
     depth = make_depth(halves)
     way_of = make_way(real)
+
+    @wp.func
+    def opacities(D: Run):
+        A = Run()
+        cells = int(RUN)  # not a constant: the loop stays one
+        for n in range(cells):
+            A[n] = absorbed(D[n])
+        return A
+
+    @wp.func
+    def depths(scene: Scene, z: wp.float64, i: int, j: int, L: Run):
+        """Of a slab from z on, those of a run of cells in which there is light L."""
+        sweep = scene.march
+        D = Run()
+        cells = int(RUN)
+        for n in range(cells):
+            # What is left behind a transparency of 1e-6 can be seen by nobody.
+            if L[n] > real(1.0e-6):
+                p, d, slant = way_of(sweep, z, real(i + n), real(j))
+                length = real(slant * sweep.thickness)
+                D[n] = depth(scene, vec3(p), vec3(sweep.thickness * d), length, sweep.parts)
+        return D
+
+    lanes = lanes_of(halves)
+    if lanes is not None:
+        depths, opacities = make_depths(halves, lanes.depths), absorbed_of
 
     @wp.func
     def on1(a: Run, b: Run):
@@ -176,11 +237,17 @@ def make_travel(halves):
             first[a] = int(wp.clamp(low[a] - margin, wp.float64(0.0), most)) >> BITS
             last[a] = int(wp.clamp(high[a] + margin, wp.float64(0.0), most)) >> BITS
         if occupied:
-            occupied = bool(False)
-            for bk in range(first[2], last[2] + 1):
-                for bj in range(first[1], last[1] + 1):
-                    for bi in range(first[0], last[0] + 1):
-                        occupied = occupied or int(scene.blocks.kinds[bk, bj, bi]) > EMPTY
+            # Empty blocks know how far others are: often the one in the middle says it all.
+            middle = (first + last) / 2
+            reach = last - middle
+            kind = int(scene.blocks.kinds[middle[2], middle[1], middle[0]])
+            occupied = EMPTY - kind < wp.max(reach)
+            if occupied and kind <= EMPTY:
+                occupied = bool(False)
+                for bk in range(first[2], last[2] + 1):
+                    for bj in range(first[1], last[1] + 1):
+                        for bi in range(first[0], last[0] + 1):
+                            occupied = occupied or int(scene.blocks.kinds[bk, bj, bi]) > EMPTY
         result[tile, row - tile * result.shape[1], i // RUN] = wp.uint8(wp.where(occupied, 1, 0))
 
     @wp.kernel(enable_backward=False, module="unique")
@@ -231,25 +298,10 @@ def make_travel(halves):
             if shaded:
                 scene = scenes[0]
                 sweep = scene.march
-                A = Run()
-                B = Run()
                 z = sweep.start + wp.float64(slab + 1) * sweep.thickness
-                cells = int(RUN)  # not a constant: the loop stays one
-                for n in range(cells):
-                    # What is left behind a transparency of 1e-6 can be seen by nobody.
-                    if L[n] > real(1.0e-6):
-                        p, d, slant = way_of(sweep, z, real(i * RUN + n), real(j))
-                        d *= sweep.thickness
-                        D = depth(
-                            scene,
-                            vec3(p),
-                            vec3(d),
-                            real(slant * sweep.thickness),
-                            sweep.parts,
-                        )
-                        if D > real(0.0):
-                            A[n] = absorbed(real(sweep.before) * D)
-                            B[n] = absorbed(real(sweep.after) * D)
+                D = depths(scene, z, i * RUN, j, L)
+                A = opacities(real(sweep.before) * D)
+                B = opacities(real(sweep.after) * D)
                 L -= wp.cw_mul(L, A)
                 state.rest[j, i] = B
         state.light[1 - source, y, x] = L

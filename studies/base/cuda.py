@@ -99,11 +99,14 @@ def scenes() -> dict[str, Callable[[], Any]]:
 @contextmanager
 def _asked_for(kernels: dict[wp.Kernel, str], name: str) -> Iterator[None]:
     """Kernels that calls within would run on a GPU; rays are not cast."""
-    load = wvr.launch._load
+    load, halves = wvr.launch._load, wvr.frame.Frame.halves
+
+    def without_vectors(*given: Any) -> Any:
+        return replace(halves(*given), vectors=False)
 
     def maker(make: Callable[[Any], wp.Kernel]) -> Callable[[Any], None]:
         def made(halves: Any) -> None:
-            kernels.setdefault(make(replace(halves, vectors=False)), name)
+            kernels.setdefault(make(halves), name)
 
         return made
 
@@ -123,6 +126,7 @@ def _asked_for(kernels: dict[wp.Kernel, str], name: str) -> Iterator[None]:
         patch.object(wvr.frame, "launch_pixels", cast),
         patch.object(wvr.probe, "launch_pixels", cast),
         patch.object(wvr.launch, "_load", loaded),
+        patch.object(wvr.frame.Frame, "halves", without_vectors),
         catch_warnings(),
     ):
         simplefilter("ignore")  # of images of nothing

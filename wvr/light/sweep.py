@@ -138,22 +138,20 @@ def sweep_lights(
     assert shadows is not None
     height, width = shown.shape
     advance = make_advance(halves)
-    result = wp.zeros((height, width), dtype=wp.vec3d, device=device)
+    result = keep.scratch("share", (height, width), wp.vec3d)
     eye = Eye()
     eye.shown = shown
     eye.samples = wp.zeros((height, width), dtype=int, device=device)
     eye.rgba = keep.scratch("composite", (height, width), wp.vec4d)
     eye.lit = keep.scratch("lit", (height, width), wp.vec3d)
     slices = 0
-    for light in shadows.lights:
-        eye.rgba.zero_()
-        eye.lit.zero_()
+    for number, light in enumerate(shadows.lights):
         struct.march, shape, variance = place(scene.volume, frame.camera, shadows, light, struct.view)
         for first, count, lead, stack in travel(halves, struct, shape, variance, keep):
             struct.march.lead = lead
-            inputs = [struct, first, count, stack, eye]
+            inputs = [struct, first, count, first == 0, stack, eye]
             launch_pixels(advance, inputs, device, struct.view)
-        inputs = [eye.rgba, eye.lit, wp.vec3d(*light.color), not shadows.alone, result]
+        inputs = [eye.rgba, eye.lit, wp.vec3d(*light.color), not shadows.alone, number == 0, result]
         launch(gather, width * height, inputs, device)
         slices += struct.march.slices
     return result, eye.rgba, eye.samples.numpy(), slices

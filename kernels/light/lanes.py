@@ -1,0 +1,328 @@
+"""What a sweep sees of tissue, eight places at a time: in vectors what ``tissue`` says in Warp, of whole volumes of
+finite samples, in single precision by a table.
+"""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from ..field.cubics import PAIRS
+from ..field.grid import Grid
+from ..field.samples import make_samples
+from ..vectors import VECTORS
+
+LANES = wp.constant(8)
+# Parts of a ray that are measured at a time, between eight places.
+PARTS = wp.constant(7)
+Eight = wp.types.vector(8, wp.float32)
+
+SCALARS = """
+const auto* __restrict data = field.data.data;
+const int64_t nx = field.data.shape[2], nxy = nx * field.data.shape[1];
+const v8f none = {};
+const v8i first = {};
+// The scalar at eight places.
+auto scalars = [&](v8f x, v8f y, v8f z) -> v8f {
+#define CELL(p, a) MAX(MIN(__builtin_convertvector(p, v8i), first + field.last[a]), first)
+    const v8i i = CELL(x, 0), j = CELL(y, 1), k = CELL(z, 2);
+    x -= __builtin_convertvector(i, v8f);
+    y -= __builtin_convertvector(j, v8f);
+    z -= __builtin_convertvector(k, v8f);
+    STORE
+    for (int l = 0; l < 8; ++l) {
+        const auto* c = data + (int64_t)k[l] * nxy + (int64_t)j[l] * nx + i[l];
+        LOAD
+    }
+#define CORNER(m) *(const v8f*)corner[m]
+    CORNERS
+    const v8f c00 = c000 + x * (c100 - c000), c10 = c010 + x * (c110 - c010);
+    const v8f c01 = c001 + x * (c101 - c001), c11 = c011 + x * (c111 - c011);
+    const v8f c0 = c00 + y * (c10 - c00), c1 = c01 + y * (c11 - c01);
+    return c0 + z * (c1 - c0);
+};
+"""
+# Pairs of corners along x, two numbers in one.
+INTEGER = {
+    "STORE": "alignas(32) int pair[4][8];",
+    "LOAD": """PAIR p[4];
+        __builtin_memcpy(p, c, sizeof(PAIR));
+        __builtin_memcpy(p + 1, c + nx, sizeof(PAIR));
+        __builtin_memcpy(p + 2, c + nxy, sizeof(PAIR));
+        __builtin_memcpy(p + 3, c + nxy + nx, sizeof(PAIR));
+        for (int m = 0; m < 4; ++m) pair[m][l] = p[m];""",
+    "CORNERS": """
+#define TWO(m) (*(const v8i*)pair[m])
+#define LOW(m) __builtin_convertvector(LOWER(TWO(m)), v8f)
+#define HIGH(m) __builtin_convertvector(UPPER(TWO(m)), v8f)
+    const v8f c000 = LOW(0), c100 = HIGH(0), c010 = LOW(1), c110 = HIGH(1);
+    const v8f c001 = LOW(2), c101 = HIGH(2), c011 = LOW(3), c111 = HIGH(3);""",
+}
+FLOATING = {
+    "STORE": "alignas(32) float corner[8][8];",
+    "LOAD": """for (int m = 0; m < 8; ++m)
+            corner[m][l] = (float)(double(c[(m >> 2) * nxy + (m >> 1 & 1) * nx + (m & 1)]) - field.shift);""",
+    "CORNERS": """const v8f c000 = CORNER(0), c100 = CORNER(1), c010 = CORNER(2), c110 = CORNER(3);
+    const v8f c001 = CORNER(4), c101 = CORNER(5), c011 = CORNER(6), c111 = CORNER(7);""",
+}
+
+# Entries of a table, bilinear between them.
+ENTRIES = """
+typedef float entry __attribute__((vector_size(16), aligned(4)));
+const entry* __restrict entries = (const entry*)rgba.data;
+const int64_t n = rgba.shape[1];
+auto at = [&](v8f s, v8i& i) -> v8f {
+    const v8f u = MIN(MAX((s - bottom) * scale, none), none + (float)(n - 1));
+    i = MAX(MIN(__builtin_convertvector(u, v8i), first + (int)(n - 2)), first);
+    return u - __builtin_convertvector(i, v8f);
+};
+// Extinction between scalars.
+auto extinctions = [&](v8f front, v8f back) -> v8f {
+    v8i i, j;
+    const v8f x = at(front, i), y = at(back, j);
+    alignas(32) float e[4][8];
+    for (int l = 0; l < 8; ++l) {
+        const entry* p = entries + i[l] * n + j[l];
+        e[0][l] = p[0][3];
+        e[1][l] = p[1][3];
+        e[2][l] = p[n][3];
+        e[3][l] = p[n + 1][3];
+    }
+#define ENTRY(m) (*(const v8f*)e[m])
+    const v8f e0 = ENTRY(0) + y * (ENTRY(1) - ENTRY(0)), e1 = ENTRY(2) + y * (ENTRY(3) - ENTRY(2));
+    return MAX(e0 + x * (e1 - e0), none);
+};
+"""
+
+ABSORBED = """
+// 1 - exp(-y) of y >= 0: where it is thin by a series, else by that of 2^r.
+auto absorbed = [](v8f y) -> v8f {
+    const v8f none = {};
+    v8f thin = none + 1.0f;
+    for (int i = 8; i > 1; --i) thin = 1.0f - y * (1.0f / i) * thin;
+    const v8f z = MAX(y * -1.44269504088896f, none - 115.0f);
+    const v8f whole = z + 12582912.0f;
+    const v8f r = (z - (whole - 12582912.0f)) * 0.693147180559945f;
+    v8f p = r * (1.0f / 720) + (1.0f / 120);
+    p = p * r + (1.0f / 24);
+    p = p * r + (1.0f / 6);
+    p = p * r + 0.5f;
+    p = p * r + 1.0f;
+    p = p * r + 1.0f;
+    const v8f left = (v8f)((v8i)p + ((v8i)whole << 23));
+    return y < 0.5f ? y * thin : 1.0f - left;
+};
+"""
+
+# Of a ray from its k-th part on: where parts begin, scalars there, colours, extinctions and opacities.
+MEASURE = """
+const v8f number = {0.0f, 1.0f, 2.0f, 3.0f, 4.0f, 5.0f, 6.0f, 7.0f};
+const v8f t = MIN(MAX(t0 + (number + (float)k) * part, none), none + length);
+#define NEXT(a) __builtin_shufflevector(a, a, 1, 2, 3, 4, 5, 6, 7, 7)
+const v8f s = scalars(origin[0] + t * direction[0], origin[1] + t * direction[1], origin[2] + t * direction[2]);
+v8i i, j;
+const v8f x = at(s, i), y = at(NEXT(s), j);
+alignas(32) int wi[8], wj[8];
+alignas(32) float wx[8], wy[8];
+*(v8i*)wi = i;
+*(v8i*)wj = j;
+*(v8f*)wx = x;
+*(v8f*)wy = y;
+entry e[8];
+for (int l = 0; l < 8; ++l) {
+    const entry* p = entries + wi[l] * n + wj[l];
+    const entry e0 = p[0] + wy[l] * (p[1] - p[0]), e1 = p[n] + wy[l] * (p[n + 1] - p[n]);
+    e[l] = e0 + wx[l] * (e1 - e0);
+}
+// Columns of that.
+#define HALVES(l) __builtin_shufflevector(e[l], e[l + 4], 0, 1, 2, 3, 4, 5, 6, 7)
+#define LOWS(a, b) __builtin_shufflevector(a, b, 0, 8, 1, 9, 4, 12, 5, 13)
+#define HIGHS(a, b) __builtin_shufflevector(a, b, 2, 10, 3, 11, 6, 14, 7, 15)
+#define EVEN(a, b) __builtin_shufflevector(a, b, 0, 1, 8, 9, 4, 5, 12, 13)
+#define ODD(a, b) __builtin_shufflevector(a, b, 2, 3, 10, 11, 6, 7, 14, 15)
+const v8f h0 = HALVES(0), h1 = HALVES(1), h2 = HALVES(2), h3 = HALVES(3);
+const v8f rg0 = LOWS(h0, h1), rg1 = LOWS(h2, h3), ba0 = HIGHS(h0, h1), ba1 = HIGHS(h2, h3);
+const v8f tau = MAX(ODD(ba0, ba1), none), one = 1.0f / (tau > 0.0f ? tau : none + 1.0f);
+v8f* out = (v8f*)seen.data;
+out[0] = t;
+out[1] = s;
+out[2] = EVEN(rg0, rg1) * one;
+out[3] = ODD(rg0, rg1) * one;
+out[4] = EVEN(ba0, ba1) * one;
+out[5] = tau;
+out[6] = absorbed(tau * (NEXT(t) - t));
+int l = 0;
+while (l < 7 && !(tau[l] > 0.0f)) ++l;
+return l;
+"""
+
+# What of a straight way is inside of the box, from a to b of it.
+INSIDE = """
+auto inside = [&](const v8f* p, const v8f* d, v8f& a, v8f& b) {
+    a = none;
+    b = none + 1.0f;
+    for (int c = 0; c < 3; ++c) {
+        const v8f before = (float)low[c] - p[c], behind = (float)high[c] - p[c];
+        const v8i out = (MIN(d[c], none) < before) | (MAX(d[c], none) > behind);
+        const v8f t0 = before / d[c], t1 = behind / d[c];
+        const v8i still = d[c] == 0.0f;
+        a = out && !still ? MAX(a, MIN(t0, t1)) : a;
+        b = out ? (still ? none : MIN(b, MAX(t0, t1))) : b;
+    }
+};
+"""
+
+# One way, its parts together.
+DEPTH = """
+v8f place[3], along[3], a, b;
+for (int c = 0; c < 3; ++c) {
+    place[c] = none + p[c];
+    along[c] = none + d[c];
+}
+inside(place, along, a, b);
+if (!(b[0] > a[0])) return 0.0f;
+const float h = (b[0] - a[0]) / parts;
+const v8f number = {0.0f, 1.0f, 2.0f, 3.0f, 4.0f, 5.0f, 6.0f, 7.0f};
+float total = 0.0f;
+for (int m = 0; m < parts; m += 7) {
+    const v8f t = a + (number + (float)m) * h;
+    const v8f s = scalars(place[0] + t * along[0], place[1] + t * along[1], place[2] + t * along[2]);
+    const v8f e = extinctions(s, __builtin_shufflevector(s, s, 1, 2, 3, 4, 5, 6, 7, 7));
+    for (int l = 0; l < 7 && m + l < parts; ++l) total += e[l];
+}
+return total * h * length;
+"""
+
+# Those of eight cells of light, of a run.
+DEPTHS = """
+typedef double place8 __attribute__((vector_size(64), aligned(8)));
+const place8 number = {0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0};
+const place8 u = number + (i + corner[0]);
+const double v = j + corner[1];
+v8f p[3], d[3], a, b;
+for (int c = 0; c < 3; ++c) {
+    const place8 w = u * side.data[c][0] + v * side.data[c][1];
+    const place8 at = origin[c] + z * along[c] + (diverging ? z * w : w);
+    const place8 way = thickness * ((diverging ? w : w * 0.0) + along[c]);
+    p[c] = __builtin_convertvector(at, v8f);
+    d[c] = __builtin_convertvector(way, v8f);
+}
+const v8f flat = __builtin_convertvector(1.0 + widening * (u * u + v * v), v8f);
+v8f length;
+for (int l = 0; l < 8; ++l) length[l] = diverging ? __builtin_sqrtf(flat[l]) : (float)slant;
+length *= (float)thickness;
+inside(p, d, a, b);
+const v8f h = MAX(b - a, none) / (float)parts;
+for (int c = 0; c < 3; ++c) {
+    p[c] += a * d[c];
+    d[c] *= h;
+}
+v8f total = none, back = scalars(p[0], p[1], p[2]);
+for (int m = 0; m < parts; ++m) {
+    const v8f front = back;
+    for (int c = 0; c < 3; ++c) p[c] += d[c];
+    back = scalars(p[0], p[1], p[2]);
+    total += extinctions(front, back);
+}
+total *= h * length;
+wp::vec_t<8, float> result;
+for (int l = 0; l < 8; ++l) result[l] = b[l] > a[l] ? total[l] : 0.0f;
+return result;
+"""
+
+
+class Lanes(NamedTuple):
+    """Functions of ``make_lanes``."""
+
+    measure: Any
+    depth: Any
+    depths: Any
+
+
+def lanes_of(halves):
+    """``make_lanes`` of what kernels of the halves see, where they see it in vectors; else None."""
+    whole = not (halves.cuts.naive or halves.cuts.labels is not None)
+    plain = isinstance(halves.field, Grid) and halves.field.finite and halves.real is wp.float32
+    return make_lanes(halves.field.dtype) if halves.vectors and plain and whole and halves.march.preintegrated else None
+
+
+@cache
+def make_lanes(dtype):
+    """Of samples of a ``dtype``:
+
+    ``measure(field, table, origin, direction, t0, part, length, k, seen)``: of ``PARTS`` parts of a ray from the k-th
+    on, ``seen`` (7, 8) are where they begin and end, scalars there, colours, extinctions, and opacities; -> the first
+    of them with something to see, ``PARTS`` if there is none;
+    ``depth(field, table, low, high, p, d, length, parts)`` as of ``tissue``; and
+    ``depths(field, table, low, high, sweep's numbers, z, i, j, parts)``, those of a slab from z on for a run of cells.
+    Tables are their entries, the scalar of the first, and entries per scalar.
+    """
+    Field = make_samples(dtype)
+    scalars = SCALARS
+    for name, code in (INTEGER if dtype in PAIRS else FLOATING).items():
+        scalars = scalars.replace(name, code)
+    if dtype in PAIRS:
+        kind, lower, upper = PAIRS[dtype]
+        scalars = scalars.replace("PAIR", kind)
+        scalars = f"#define LOWER(a) {lower.format('(a)')}\n#define UPPER(a) {upper.format('(a)')}\n{scalars}"
+    text = VECTORS + scalars + ENTRIES
+
+    @wp.func_native(text + ABSORBED + MEASURE)
+    def measure(
+        field: Field,
+        rgba: wp.array2d(dtype=wp.vec4),
+        bottom: wp.float32,
+        scale: wp.float32,
+        origin: wp.vec3,
+        direction: wp.vec3,
+        t0: wp.float32,
+        part: wp.float32,
+        length: wp.float32,
+        k: int,
+        seen: wp.array2d(dtype=wp.float32),
+    ) -> int: ...
+
+    @wp.func_native(text + INSIDE + DEPTH)
+    def depth(
+        field: Field,
+        rgba: wp.array2d(dtype=wp.vec4),
+        bottom: wp.float32,
+        scale: wp.float32,
+        low: wp.vec3d,
+        high: wp.vec3d,
+        p: wp.vec3,
+        d: wp.vec3,
+        length: wp.float32,
+        parts: int,
+    ) -> wp.float32: ...
+
+    @wp.func_native(text + INSIDE + DEPTHS)
+    def depths(
+        field: Field,
+        rgba: wp.array2d(dtype=wp.vec4),
+        bottom: wp.float32,
+        scale: wp.float32,
+        low: wp.vec3d,
+        high: wp.vec3d,
+        origin: wp.vec3d,
+        along: wp.vec3d,
+        side: wp.mat33d,
+        corner: wp.vec2d,
+        diverging: bool,
+        widening: wp.float64,
+        slant: wp.float64,
+        thickness: wp.float64,
+        z: wp.float64,
+        i: int,
+        j: int,
+        parts: int,
+    ) -> Eight: ...
+
+    return Lanes(measure, depth, depths)
+
+
+ALL = "v8f a;\nfor (int l = 0; l < 8; ++l) a[l] = y[l];\na = absorbed(a);\n"
+
+
+@wp.func_native(VECTORS + ABSORBED + ALL + "for (int l = 0; l < 8; ++l) y[l] = a[l];\nreturn y;\n")
+def absorbed_of(y: Eight) -> Eight: ...
