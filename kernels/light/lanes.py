@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..field.cubics import PAIRS
 from ..field.grid import Grid
 from ..field.samples import make_samples
+from ..field.scalars import scalars_of
+from ..transfer.lookup import make_table
 from ..vectors import VECTORS
 
 LANES = wp.constant(8)
@@ -17,62 +18,13 @@ LANES = wp.constant(8)
 PARTS = wp.constant(7)
 Eight = wp.types.vector(8, wp.float32)
 
-SCALARS = """
-const auto* __restrict data = field.data.data;
-const int64_t nx = field.data.shape[2], nxy = nx * field.data.shape[1];
-const v8f none = {};
-const v8i first = {};
-// The scalar at eight places.
-auto scalars = [&](v8f x, v8f y, v8f z) -> v8f {
-#define CELL(p, a) MAX(MIN(__builtin_convertvector(p, v8i), first + field.last[a]), first)
-    const v8i i = CELL(x, 0), j = CELL(y, 1), k = CELL(z, 2);
-    x -= __builtin_convertvector(i, v8f);
-    y -= __builtin_convertvector(j, v8f);
-    z -= __builtin_convertvector(k, v8f);
-    STORE
-    for (int l = 0; l < 8; ++l) {
-        const auto* c = data + (int64_t)k[l] * nxy + (int64_t)j[l] * nx + i[l];
-        LOAD
-    }
-#define CORNER(m) *(const v8f*)corner[m]
-    CORNERS
-    const v8f c00 = c000 + x * (c100 - c000), c10 = c010 + x * (c110 - c010);
-    const v8f c01 = c001 + x * (c101 - c001), c11 = c011 + x * (c111 - c011);
-    const v8f c0 = c00 + y * (c10 - c00), c1 = c01 + y * (c11 - c01);
-    return c0 + z * (c1 - c0);
-};
-"""
-# Pairs of corners along x, two numbers in one.
-INTEGER = {
-    "STORE": "alignas(32) int pair[4][8];",
-    "LOAD": """PAIR p[4];
-        __builtin_memcpy(p, c, sizeof(PAIR));
-        __builtin_memcpy(p + 1, c + nx, sizeof(PAIR));
-        __builtin_memcpy(p + 2, c + nxy, sizeof(PAIR));
-        __builtin_memcpy(p + 3, c + nxy + nx, sizeof(PAIR));
-        for (int m = 0; m < 4; ++m) pair[m][l] = p[m];""",
-    "CORNERS": """
-#define TWO(m) (*(const v8i*)pair[m])
-#define LOW(m) __builtin_convertvector(LOWER(TWO(m)), v8f)
-#define HIGH(m) __builtin_convertvector(UPPER(TWO(m)), v8f)
-    const v8f c000 = LOW(0), c100 = HIGH(0), c010 = LOW(1), c110 = HIGH(1);
-    const v8f c001 = LOW(2), c101 = HIGH(2), c011 = LOW(3), c111 = HIGH(3);""",
-}
-FLOATING = {
-    "STORE": "alignas(32) float corner[8][8];",
-    "LOAD": """for (int m = 0; m < 8; ++m)
-            corner[m][l] = (float)(double(c[(m >> 2) * nxy + (m >> 1 & 1) * nx + (m & 1)]) - field.shift);""",
-    "CORNERS": """const v8f c000 = CORNER(0), c100 = CORNER(1), c010 = CORNER(2), c110 = CORNER(3);
-    const v8f c001 = CORNER(4), c101 = CORNER(5), c011 = CORNER(6), c111 = CORNER(7);""",
-}
-
 # Entries of a table, bilinear between them.
 ENTRIES = """
 typedef float entry __attribute__((vector_size(16), aligned(4)));
-const entry* __restrict entries = (const entry*)rgba.data;
-const int64_t n = rgba.shape[1];
+const entry* __restrict entries = (const entry*)table.rgba.data;
+const int64_t n = table.rgba.shape[1];
 auto at = [&](v8f s, v8i& i) -> v8f {
-    const v8f u = MIN(MAX((s - bottom) * scale, none), none + (float)(n - 1));
+    const v8f u = MIN(MAX((s - table.low) * table.scale, none), none + (float)(n - 1));
     i = MAX(MIN(__builtin_convertvector(u, v8i), first + (int)(n - 2)), first);
     return u - __builtin_convertvector(i, v8f);
 };
@@ -117,7 +69,7 @@ auto absorbed = [](v8f y) -> v8f {
 # Of a ray from its k-th part on: where parts begin, scalars there, colours, extinctions and opacities.
 MEASURE = """
 const v8f number = {0.0f, 1.0f, 2.0f, 3.0f, 4.0f, 5.0f, 6.0f, 7.0f};
-const v8f t = MIN(MAX(t0 + (number + (float)k) * part, none), none + length);
+const v8f t = MIN(MAX(lengths[0] + (number + (float)k) * lengths[1], none), none + lengths[2]);
 #define NEXT(a) __builtin_shufflevector(a, a, 1, 2, 3, 4, 5, 6, 7, 7)
 const v8f s = scalars(origin[0] + t * direction[0], origin[1] + t * direction[1], origin[2] + t * direction[2]);
 v8i i, j;
@@ -197,20 +149,12 @@ return total * h * length;
 DEPTHS = """
 typedef double place8 __attribute__((vector_size(64), aligned(8)));
 const place8 number = {0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0};
-const place8 u = number + (i + corner[0]);
-const double v = j + corner[1];
-v8f p[3], d[3], a, b;
+v8f p[3], d[3], a, b, length;
 for (int c = 0; c < 3; ++c) {
-    const place8 w = u * side.data[c][0] + v * side.data[c][1];
-    const place8 at = origin[c] + z * along[c] + (diverging ? z * w : w);
-    const place8 way = thickness * ((diverging ? w : w * 0.0) + along[c]);
-    p[c] = __builtin_convertvector(at, v8f);
-    d[c] = __builtin_convertvector(way, v8f);
+    p[c] = __builtin_convertvector(ways.p[c] + number * ways.p_step[c], v8f);
+    d[c] = __builtin_convertvector(ways.d[c] + number * ways.d_step[c], v8f);
 }
-const v8f flat = __builtin_convertvector(1.0 + widening * (u * u + v * v), v8f);
-v8f length;
-for (int l = 0; l < 8; ++l) length[l] = diverging ? __builtin_sqrtf(flat[l]) : (float)slant;
-length *= (float)thickness;
+for (int l = 0; l < 8; ++l) length[l] = ways.lengths[l];
 inside(p, d, a, b);
 const v8f h = MAX(b - a, none) / (float)parts;
 for (int c = 0; c < 3; ++c) {
@@ -229,6 +173,17 @@ wp::vec_t<8, float> result;
 for (int l = 0; l < 8; ++l) result[l] = b[l] > a[l] ? total[l] : 0.0f;
 return result;
 """
+
+
+@wp.struct
+class Ways:
+    """Eight straight ways from p to p + d, evenly apart."""
+
+    p: wp.vec3d  # of the first
+    p_step: wp.vec3d
+    d: wp.vec3d
+    d_step: wp.vec3d
+    lengths: Eight
 
 
 class Lanes(NamedTuple):
@@ -250,34 +205,23 @@ def lanes_of(halves):
 def make_lanes(dtype):
     """Of samples of a ``dtype``:
 
-    ``measure(field, table, origin, direction, t0, part, length, k, seen)``: of ``PARTS`` parts of a ray from the k-th
+    ``measure(field, table, origin, direction, (t0, part, length), k, seen)``: of ``PARTS`` parts of a ray from the k-th
     on, ``seen`` (7, 8) are where they begin and end, scalars there, colours, extinctions, and opacities; -> the first
     of them with something to see, ``PARTS`` if there is none;
     ``depth(field, table, low, high, p, d, length, parts)`` as of ``tissue``; and
-    ``depths(field, table, low, high, sweep's numbers, z, i, j, parts)``, those of a slab from z on for a run of cells.
-    Tables are their entries, the scalar of the first, and entries per scalar.
+    ``depths(field, table, low, high, ways, parts)``, those of ``Ways``.
     """
     Field = make_samples(dtype)
-    scalars = SCALARS
-    for name, code in (INTEGER if dtype in PAIRS else FLOATING).items():
-        scalars = scalars.replace(name, code)
-    if dtype in PAIRS:
-        kind, lower, upper = PAIRS[dtype]
-        scalars = scalars.replace("PAIR", kind)
-        scalars = f"#define LOWER(a) {lower.format('(a)')}\n#define UPPER(a) {upper.format('(a)')}\n{scalars}"
-    text = VECTORS + scalars + ENTRIES
+    Table, _ = make_table(wp.float32)
+    text = VECTORS + scalars_of(dtype) + ENTRIES
 
     @wp.func_native(text + ABSORBED + MEASURE)
     def measure(
         field: Field,
-        rgba: wp.array2d(dtype=wp.vec4),
-        bottom: wp.float32,
-        scale: wp.float32,
+        table: Table,
         origin: wp.vec3,
         direction: wp.vec3,
-        t0: wp.float32,
-        part: wp.float32,
-        length: wp.float32,
+        lengths: wp.vec3,
         k: int,
         seen: wp.array2d(dtype=wp.float32),
     ) -> int: ...
@@ -285,9 +229,7 @@ def make_lanes(dtype):
     @wp.func_native(text + INSIDE + DEPTH)
     def depth(
         field: Field,
-        rgba: wp.array2d(dtype=wp.vec4),
-        bottom: wp.float32,
-        scale: wp.float32,
+        table: Table,
         low: wp.vec3d,
         high: wp.vec3d,
         p: wp.vec3,
@@ -299,22 +241,10 @@ def make_lanes(dtype):
     @wp.func_native(text + INSIDE + DEPTHS)
     def depths(
         field: Field,
-        rgba: wp.array2d(dtype=wp.vec4),
-        bottom: wp.float32,
-        scale: wp.float32,
+        table: Table,
         low: wp.vec3d,
         high: wp.vec3d,
-        origin: wp.vec3d,
-        along: wp.vec3d,
-        side: wp.mat33d,
-        corner: wp.vec2d,
-        diverging: bool,
-        widening: wp.float64,
-        slant: wp.float64,
-        thickness: wp.float64,
-        z: wp.float64,
-        i: int,
-        j: int,
+        ways: Ways,
         parts: int,
     ) -> Eight: ...
 

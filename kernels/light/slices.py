@@ -207,10 +207,8 @@ def make_advance(halves):
             A = real(0.0)
             if wp.static(packed):
                 if n >= PARTS:
-                    table = scene.table
-                    n = measure(
-                        scene.field, table.rgba, table.low, table.scale, origin, direction, t0, part, length, k, seen
-                    )
+                    lengths = vec3(t0, part, length)
+                    n = measure(scene.field, scene.table, origin, direction, lengths, k, seen)
                     known = k
                     if n > 0:
                         # The next with something to see.

@@ -269,8 +269,6 @@ def make_depth_in_lanes(halves, measured):
     @wp.func
     def depth(scene: Scene, p: vec3, d: vec3, length: real, parts: int):
         view = scene.view
-        table = scene.table
-        low, high = view.seen_low, view.seen_high
-        return measured(scene.field, table.rgba, table.low, table.scale, low, high, p, d, length, parts)
+        return measured(scene.field, scene.table, view.seen_low, view.seen_high, p, d, length, parts)
 
     return depth

@@ -19,7 +19,7 @@ import warp as wp
 from ..field.blocks import BITS, EMPTY
 from ..precision import vec3_of
 from ..segment import make_absorbed
-from .lanes import absorbed_of, lanes_of
+from .lanes import Ways, absorbed_of, lanes_of
 from .tissue import make_depth
 
 RUN = wp.constant(8)
@@ -123,32 +123,35 @@ def make_depths(halves, measured):
     """``depths`` of ``make_travel`` in vectors."""
     Run = run_of(halves.real)
     Scene = halves.Scene
+    way_of = make_way(halves.real)
+
+    @wp.func
+    def slant(sweep: Sweep, i: int, j: int):
+        if not sweep.diverging:
+            return wp.float32(sweep.slant)
+        u = wp.float32(wp.float64(i) + sweep.corner[0])
+        v = wp.float32(wp.float64(j) + sweep.corner[1])
+        return wp.sqrt(wp.float32(1.0) + wp.float32(sweep.widening) * (u * u + v * v))
 
     @wp.func
     def depths(scene: Scene, z: wp.float64, i: int, j: int, L: Run):
         sweep = scene.march
         if wp.max(L) < wp.float32(1.0e-6):
             return Run()
-        return measured(
-            scene.field,
-            scene.table.rgba,
-            scene.table.low,
-            scene.table.scale,
-            scene.view.seen_low,
-            scene.view.seen_high,
-            sweep.origin,
-            sweep.along,
-            sweep.side,
-            sweep.corner,
-            sweep.diverging,
-            sweep.widening,
-            sweep.slant,
-            sweep.thickness,
-            z,
-            i,
-            j,
-            sweep.parts,
-        )
+        ways = Ways()
+        p, d, _ = way_of(sweep, z, wp.float32(i), wp.float32(j))
+        ways.p = p
+        side = wp.vec3d(sweep.side[0, 0], sweep.side[1, 0], sweep.side[2, 0])
+        ways.p_step = side
+        if sweep.diverging:
+            ways.p_step = z * side
+            ways.d_step = sweep.thickness * side
+        ways.d = sweep.thickness * d
+        cells = int(RUN)
+        for n in range(cells):
+            ways.lengths[n] = wp.float32(sweep.thickness) * slant(sweep, i + n, j)
+        view = scene.view
+        return measured(scene.field, scene.table, view.seen_low, view.seen_high, ways, sweep.parts)
 
     return depths
 
