@@ -6,6 +6,8 @@ from matplotlib import rc_context
 
 import wvr
 from studies import angelelli2017, campagnolo2015, lighting, roettger2003, slab_passes
+from studies.angelelli2017 import methods, slice_by_slice, slices
+from studies.angelelli2017.aliasing import aliasing
 from studies.base.harness import STYLE
 
 from .helpers import rows_of
@@ -46,7 +48,9 @@ def test_frame_buffer():
 
 def test_angelelli2017(tmp_path, monkeypatch):
     for name, value in (("DISTANCES", (0.5, 1.0, 2.0)), ("SUBSAMPLES", (1, 3)), ("FINE", 0.25)):
-        monkeypatch.setattr(angelelli2017, name, value)
+        monkeypatch.setattr(methods, name, value)
+    for name, value in (("SUBSAMPLES", (1,)), ("FINE", 0.25), ("KERNELS", (5, 9)), ("SCENES", ("bonsai",))):
+        monkeypatch.setattr(slice_by_slice, name, value)
     with rc_context(STYLE):
         for part in angelelli2017.STUDY.parts.values():
             assert part.work(tmp_path, True)
@@ -62,6 +66,31 @@ def test_angelelli2017(tmp_path, monkeypatch):
     assert difference[0.2, 0] == 0 and difference[0.8, 3] < difference[0.8, 0]
     assert rows["table1"][-1]["paper ms"] == 182
     assert {row["method"] for row in rows["figure5"]} == {"ray cast", "Phong", "ICS", "SCS", "PI-ICS", "PI-SCS"}
+    assert [row["K"] for row in rows_of(tmp_path, "slices")] == [5, 9]
+
+
+def test_slices_have_the_light_of_the_sweep():
+    """Of the same light the algorithm of the paper and the sweep come to the same image, and its kernel keeps what it
+    is given: all light, its mean and its variance.
+    """
+    for taps in (5, 9):
+        line = slices.kernel_of(0.4, 0.7, taps)
+        i = np.arange(taps) - taps // 2
+        assert np.allclose([line.sum(), line @ i, line @ i**2 - (line @ i) ** 2], [1, -0.4, 0.7])
+    volume = wvr.datasets.load("blobs", 32)
+    tf = wvr.TransferFunction([(60, "red", 0.0), (200, "white", 0.3)])
+    camera = wvr.Camera.fit(volume, (0.3, 0.2, 1), (0, 1, 0), parallel=True)
+    right, up, forward = camera.basis()
+    light = wvr.DirectionalLight(tuple(slices.TILT * (up - right) - forward))
+    sweep = wvr.ConvolutionShadows(
+        0.25, light=light, spread=slices.SPREAD, cell=0.5, mode="view-aligned", image="slices"
+    )
+    truth = wvr.render(volume, tf, camera, (64, 64), shadows=sweep, lighting=False).rgba
+    shown = truth[..., 3] > 0
+    errors = [np.abs(slices.Slices(volume, tf).draw(camera, 64, d, 1).rgba - truth)[shown].mean() for d in (0.5, 0.25)]
+    plain = wvr.render(volume, tf, camera, (64, 64), lighting=False).rgba
+    print(errors, np.abs(plain - truth)[shown].mean())
+    assert errors[1] < 0.6 * errors[0] and errors[1] < 0.1 * np.abs(plain - truth)[shown].mean()
 
 
 def test_aliasing_is_what_is_fine():
@@ -77,9 +106,9 @@ def test_aliasing_is_what_is_fine():
         return np.where(s < 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
 
     plain = image(0.5)
-    assert angelelli2017.aliasing(plain, plain) == 0
-    assert angelelli2017.aliasing(image(0.3 + x / 256), plain) < 2e-3
-    assert angelelli2017.aliasing(image(0.5 + 0.1 * (-1.0) ** x), plain) == pytest.approx(0.1 * 8 / 9, rel=0.02)
+    assert aliasing(plain, plain) == 0
+    assert aliasing(image(0.3 + x / 256), plain) < 2e-3
+    assert aliasing(image(0.5 + 0.1 * (-1.0) ** x), plain) == pytest.approx(0.1 * 8 / 9, rel=0.02)
 
 
 def test_linear_opacity():
