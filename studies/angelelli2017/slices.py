@@ -29,7 +29,7 @@ KERNELS = (3, 5, 7, 9, 13)
 # Full light around all pixels.
 BORDER = 12
 # Of light, to the right and downwards, per unit of depth; and the half-angle of its cone.
-TILT = 0.15
+TILT = 0.12
 SPREAD = 36.0
 ENTRIES = 4096
 
