@@ -52,7 +52,7 @@ def test_what_goes_wrong_is_noticed(tmp_path, monkeypatch):
         "        if number == 4: raise KeyError('what')\n"
         "        if number == 5: print('words', flush=True)\n"
         "        return 'wrong: it is' if number == 6 else ''\n"
-        "worker.KINDS = {'files': Cases}\n"
+        "worker.cases_of = lambda kind: Cases\n"
         "worker.rng_of = lambda kind, number: number\n"
         "worker.main()\n"
     )
