@@ -25,8 +25,8 @@ def test_nothing_breaks_it(kind, cases):
     assert not found, "\n".join(f"{one.kind} {one.number}: {one.outcome} {one.note}" for one in found)
 
 
-def test_everything_public_is_called():
-    called = {name.partition(".")[0] for name in bases()}
+def test_everything_public_is_called(tmp_path):
+    called = {name.partition(".")[0] for name in bases(tmp_path)}
     public = {name for name in wvr.__all__ if callable(getattr(wvr, name)) and not name.startswith("_")}
     public -= {name for name in public if inspect.isclass(one := getattr(wvr, name)) and issubclass(one, Exception)}
     # Two serve pages, and one is made by ``open``.
