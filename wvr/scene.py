@@ -247,7 +247,7 @@ class Scene:
     def volumes(self) -> list[Any]:
         """All objects with samples that may be written to between frames."""
         own = [self.volume, getattr(self.segmentation, "labels", None)]
-        return [one for one in (*own, *(getattr(clip, "volume", None) for clip in self.clips)) if one is not None]
+        return [one for one in (*own, *(getattr(clip, "volume", None) for clip in self.clips)) if hasattr(one, "look")]
 
 
 def _described(value: Any) -> str:

@@ -75,3 +75,27 @@ def test_more_chunks_than_can_be(tmp_path):
     file.write_text(json.dumps(json.loads(file.read_text()) | {"shape": [2**40, 3, 5]}))
     with pytest.raises(ValueError, match=r"a\.zarr has 549,755,813,888 chunks along axis 0"):
         wvr.open(path)
+
+
+def test_ranges_of_other_chunks_are_not_used(tmp_path):
+    """Nothing else tells arrays of Dask apart."""
+    da = pytest.importorskip("dask.array")
+    field = np.zeros((4, 4, 200), np.uint8)
+    field[:, :, 130:] = 200
+    wvr.build_ranges(da.from_array(field, chunks=(4, 4, 128)), tmp_path / "a.npz")
+    same = wvr.open(da.from_array(field, chunks=(4, 4, 128)), ranges=tmp_path / "a.npz")
+    assert same.ranges is not None and same.ranges.known.all()
+    other = wvr.open(da.from_array(field, chunks=(4, 4, 150)), ranges=tmp_path / "a.npz")
+    assert other.blocks_along == same.blocks_along and other.ranges is None
+
+
+def test_damaged_ranges_are_refused_by_name(tmp_path):
+    np.save(tmp_path / "a.npy", FIELD)
+    file = wvr.build_ranges(tmp_path / "a.npy").place
+    content = file.read_bytes()
+    for at in range(0, len(content), 97):
+        file.write_bytes(content[:at] + bytes([content[at] ^ 0xFF]) + content[at + 1 :])
+        try:
+            assert wvr.open(tmp_path / "a.npy").ranges.known.all()  # a byte that nobody reads
+        except OSError as error:
+            assert str(file) in str(error)

@@ -120,7 +120,7 @@ def bent(value: Any, rng: np.random.Generator) -> Any:
             return [value]
 
 
-def bases(folder: Path = Path()) -> dict[str, tuple[Any, dict[str, Any]]]:
+def bases(folder: Path) -> dict[str, tuple[Any, dict[str, Any]]]:
     """Everything public that is called, by name, and arguments that are right."""
     volume = wvr.Volume(ARRAY)
     points = [(0, "black", 0.0), (128, "red", 0.3), (255, "white", 0.9)]

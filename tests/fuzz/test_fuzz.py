@@ -25,8 +25,8 @@ def test_nothing_breaks_it(kind, cases):
     assert not found, "\n".join(f"{one.kind} {one.number}: {one.outcome} {one.note}" for one in found)
 
 
-def test_everything_public_is_called():
-    called = {name.partition(".")[0] for name in bases()}
+def test_everything_public_is_called(tmp_path):
+    called = {name.partition(".")[0] for name in bases(tmp_path)}
     public = {name for name in wvr.__all__ if callable(getattr(wvr, name)) and not name.startswith("_")}
     public -= {name for name in public if inspect.isclass(one := getattr(wvr, name)) and issubclass(one, Exception)}
     # Two serve pages, and one is made by ``open``.
@@ -52,7 +52,7 @@ def test_what_goes_wrong_is_noticed(tmp_path, monkeypatch):
         "        if number == 4: raise KeyError('what')\n"
         "        if number == 5: print('words', flush=True)\n"
         "        return 'wrong: it is' if number == 6 else ''\n"
-        "worker.KINDS = {'files': Cases}\n"
+        "worker.cases_of = lambda kind: Cases\n"
         "worker.rng_of = lambda kind, number: number\n"
         "worker.main()\n"
     )

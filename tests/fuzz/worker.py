@@ -9,25 +9,28 @@ import sys
 import tempfile
 import traceback
 import warnings
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from . import memory
-from .arguments import Arguments
-from .files import Files
-from .scenes import Scenes
 
-KINDS: dict[str, Any] = {"files": Files, "arguments": Arguments, "scenes": Scenes}
+KINDS = ("arguments", "files", "scenes")
 # Address space of the process, of which libraries take the most, and growth of its memory by a case [bytes].
 SPACE, GROWTH = 12 << 30, 300 << 20
 # What libtiff prints, which reads some files through Pillow and cannot be told not to; and that a kernel is compiled.
 KNOWN = (b"tempfile.tif", b"TIFF", b"LZWDecode", b"JPEGLib", b"JPEGSetupDecode", b"JPEGPreDecode", b"wvr: compiling")
 
 
+def cases_of(kind: str) -> Any:
+    """The class of them, with all that it needs and others do not."""
+    return getattr(import_module(f".{kind}", __package__), kind.capitalize())
+
+
 def rng_of(kind: str, number: int) -> np.random.Generator:
-    return np.random.default_rng([sorted(KINDS).index(kind), number])
+    return np.random.default_rng([KINDS.index(kind), number])
 
 
 def outcome(target: Any, kind: str, number: int) -> str:
@@ -50,7 +53,7 @@ def main() -> None:
     # What libraries print goes to a file, where it is noticed.
     with tempfile.TemporaryDirectory(prefix="wvr-fuzz-") as folder, (Path(folder) / "printed").open("w+b") as printed:
         os.chdir(folder)
-        target = KINDS[kind](Path(folder))
+        target = cases_of(kind)(Path(folder))
         target.run(rng_of(kind, 0))  # what is compiled or imported once is of no case
         for descriptor in (1, 2):
             os.dup2(printed.fileno(), descriptor)

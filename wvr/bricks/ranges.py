@@ -144,9 +144,9 @@ class BlockRanges:
                     raise ValueError(f"version {int(file['version'])}")
                 starts = tuple(tuple(file[f"starts_{axis}"].tolist()) for axis in "xyz")
                 return cls(starts, file["values"], file["known"], file["holes"], file["marks"], str(file["identity"]))
-        except OSError:
-            raise
         except Exception as error:
+            if isinstance(error, OSError) and str(path) in str(error):
+                raise
             raise OSError(f"{path} is not a file of ranges ({error}): delete it, and build it anew") from error
 
 
@@ -199,8 +199,8 @@ def attach(volume: StoredVolume, path: Path) -> bool:
     another array.
     """
     ranges = BlockRanges.load(path)
-    if ranges.identity != volume.samples.identity:
-        announce("%s is of another array (%s) and is not used", path, ranges.identity)
+    if ranges.identity != volume.samples.identity or ranges.starts != volume.starts:
+        announce("%s is of another array, or of other chunks (%s), and is not used", path, ranges.identity)
         return False
     volume.ranges = ranges
     now = marks_of(volume)
