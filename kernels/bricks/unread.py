@@ -12,7 +12,7 @@ mean of both transparencies and C in the middle of what is left at X = 0 and X =
 
 import warp as wp
 
-from ..ray import View, entry, inverted, pixel
+from ..ray import FAR, View, entry, inverted, line, near_faces, pixel
 from .brick import on_grain
 
 ZERO = wp.constant(wp.float64(0.0))
@@ -32,10 +32,18 @@ class Unread:
     low: wp.array(dtype=wp.vec3d)  # colour where there is extinction
     high: wp.array(dtype=wp.vec3d)
     brightest: wp.float64
+    densest: wp.float64  # largest extinction of any
     grain: wp.float64
     astray: wp.float64  # how far a ray may be from where it should be
     column: int  # of the image, that the first pixel is
     row: int
+    # Of bricks that are read, where not all of them are:
+    read: wp.array3d(dtype=int)  # [z, y, x] which image of these is a brick's, negative where it has none
+    rects: wp.array(dtype=wp.vec4i)  # row, column, height and width of each
+    first: wp.array(dtype=int)  # its first pixel
+    rgbt: wp.array(dtype=wp.vec4d)  # colour and transparency
+    bounds: wp.array(dtype=wp.float64)
+    stride: int  # every so many pixels of the image are looked at
 
 
 @wp.func
@@ -172,17 +180,77 @@ def map_unread(
     bounds[y, x] = wp.min(bound, unread.brightest)
 
 
+@wp.func
+def known(unread: Unread, steps: Steps, x: int, y: int):
+    """Where among the pixels of bricks that are read the one is that a ray is in; negative where there is none."""
+    n = int(-1)
+    at = int(-1)
+    if unread.read.shape[0] > 0:
+        n = unread.read[steps.index[2], steps.index[1], steps.index[0]]
+    if n >= 0:
+        rect = unread.rects[n]
+        row = y - rect[0]
+        column = x - rect[1]
+        if row >= 0 and row < rect[2] and column >= 0 and column < rect[3]:
+            at = unread.first[n] + row * rect[3] + column
+    return at
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def weigh_unread(
+    base: int, view: View, unread: Unread, largest: wp.array2d(dtype=int), widths: wp.array2d(dtype=wp.vec2d)
+):
+    """Which brick adds most to the bound of a ray, and how much that one and all of them add; by the middle of what is
+    in front of each.
+    """
+    x, y = pixel(view, wp.tid() + base)
+    if y >= view.height:
+        return
+    column = x * unread.stride
+    row = y * unread.stride
+    steps = begun(view, unread, column, row)
+    most = ZERO
+    total = ZERO
+    which = int(-1)
+    T = ONE
+    going = steps.length > ZERO
+    while going:
+        start, _axis, _e0 = crossing(unread, steps, False)
+        end, axis, _e1 = crossing(unread, steps, True)
+        i = steps.index
+        n = unread.number[i[2], i[1], i[0]]
+        if end > start:
+            at = known(unread, steps, column, row)
+            if at >= 0:
+                pixels = unread.rgbt[at]
+                T *= pixels[3]
+            elif n >= 0:
+                part, off = seen_through(unread, n, end - start, end - start)
+                total += T * off
+                if T * off > most:
+                    most = T * off
+                    which = (i[2] * unread.number.shape[1] + i[1]) * unread.number.shape[2] + i[0]
+                T *= ONE - part[3]
+        index, going = stepped(unread, steps, axis, True)
+        if going:
+            steps.index = index
+    largest[y, x] = which
+    widths[y, x] = wp.vec2d(most, total)
+
+
 @wp.kernel(enable_backward=False, module="unique")
 def show_unread(
-    base: int, view: View, unread: Unread, rgbt: wp.array2d(dtype=wp.vec4d), bounds: wp.array2d(dtype=wp.float64)
+    base: int, view: View, unread: Unread, least: wp.array2d(dtype=wp.vec4d), most: wp.array2d(dtype=wp.vec4d)
 ):
-    """What they look like with nothing behind: from the back, between what is least and most at each face."""
+    """What there is to see at least and at most, colour and opacity, with nothing behind: of bricks that are read as
+    they are, else between what they may look like, from face to face from the back.
+    """
     x, y = pixel(view, wp.tid() + base)
     if y >= view.height:
         return
     steps = begun(view, unread, x, y)
-    least = wp.vec4d()
-    most = wp.vec4d()
+    low = wp.vec4d()
+    high = wp.vec4d()
     going = steps.length > ZERO
     while going:
         _t, axis, _e = crossing(unread, steps, True)
@@ -194,24 +262,41 @@ def show_unread(
         start, axis, e0 = crossing(unread, steps, False)
         end, _axis, e1 = crossing(unread, steps, True)
         n = unread.number[steps.index[2], steps.index[1], steps.index[0]]
-        if n >= 0 and end > start:
-            e = e0 + e1
-            thin = wp.exp(-unread.least[n] * wp.max(end - start - e, ZERO))
-            thick = wp.exp(-unread.most[n] * wp.min(end - start + e, steps.length))
-            for c in range(4):
-                low = ONE
-                high = ONE
-                if c < 3:
-                    low = unread.low[n][c]
-                    high = unread.high[n][c]
-                _least, up = ends(most[c], low, high, thin, thick)
-                down, _most = ends(least[c], low, high, thin, thick)
-                most[c] = up
-                least[c] = down
+        at = known(unread, steps, x, y)
+        if at >= 0:
+            if end > start:
+                pixels = unread.rgbt[at]
+                T = pixels[3]
+                color = wp.vec4d(pixels[0], pixels[1], pixels[2], ONE - T)
+                off = unread.bounds[at]
+                for c in range(4):
+                    low[c] = wp.max(color[c] + T * low[c] - off, ZERO)
+                    high[c] = color[c] + T * high[c] + off
+        elif n >= 0:
+            if end > start:
+                e = e0 + e1
+                thin = wp.exp(-unread.least[n] * wp.max(end - start - e, ZERO))
+                thick = wp.exp(-unread.most[n] * wp.min(end - start + e, steps.length))
+                for c in range(4):
+                    dark = ONE
+                    bright = ONE
+                    if c < 3:
+                        dark = unread.low[n][c]
+                        bright = unread.high[n][c]
+                    _least, up = ends(high[c], dark, bright, thin, thick)
+                    down, _most = ends(low[c], dark, bright, thin, thick)
+                    high[c] = up
+                    low[c] = down
         index, going = stepped(unread, steps, axis, False)
         if going:
             steps.index = index
-    half = wp.float64(0.5)
-    shown = half * (least + most)
-    rgbt[y, x] = wp.vec4d(shown[0], shown[1], shown[2], ONE - shown[3])
-    bounds[y, x] = half * wp.max(most - least) + unread.brightest * wp.float64(wp.static(2.0**-40))
+    # Rounding, and rays of which rounding decides whether they are in the box.
+    anchor, along, begin = line(view, x, y)
+    e = wp.float64(2.0) * unread.astray
+    loose = near_faces(view.low, view.high, anchor, inverted(along), e, begin - e, FAR)
+    off = unread.brightest * (wp.float64(wp.static(2.0**-40)) + wp.min(ONE, unread.densest * loose))
+    for c in range(4):
+        low[c] -= off
+        high[c] += off
+    least[y, x] = low
+    most[y, x] = high

@@ -11,6 +11,7 @@ import pytest
 import wvr
 from wvr.bricks import ranges, stored
 from wvr.bricks.grid import Bricks
+from wvr.bricks.pieces import Pieces
 
 zarr = pytest.importorskip("zarr")
 
@@ -137,6 +138,52 @@ def test_what_was_not_read_is_in_the_bound(store, camera, budget):
         assert image.stats["bytes_read"] < int(budget.split()[0]) * 1000 + 8 * 512
 
 
+def test_under_a_budget_what_adds_most_to_the_bound_is_read_first(monkeypatch):
+    """Structures behind fog, which may add little, and not the fog; all that is left is then within a tolerance."""
+    data = RNG.integers(10, 20, (16, 16, 40)).astype(np.uint8)
+    data[:, :, 34:] = RNG.integers(10, 200, (16, 16, 6))
+    volume = wvr.build_ranges(wvr.open(data))
+    tf = wvr.TransferFunction([(0, "teal", 0.0), (30, "teal", 0.001), (200, "gold", 0.3)])
+    read = []
+    region = stored.StoredVolume.region
+    record = lambda self, low, high: (read.append(int(low[0])), region(self, low, high))[1]  # noqa: E731
+    monkeypatch.setattr(stored.StoredVolume, "region", record)
+    camera = wvr.Camera.fit(volume, (-1, 0.1, 0.1))
+    images = [wvr.render(volume, tf, camera, SIZE, tolerance=0.05, budget=budget) for budget in (0, "2 kB", 1000.0)]
+    assert min(read) >= 24 and images[-1].error_bound.max() <= 0.05
+    exact = wvr.render(wvr.Volume(data), tf, camera, SIZE, integrator=wvr.Exact())
+    for image in images:
+        assert np.all(np.abs(image.rgba - exact.rgba).max(axis=2) <= image.error_bound)
+    assert images[0].error_bound.mean() > images[1].error_bound.mean() > images[2].error_bound.mean()
+
+
+@pytest.mark.parametrize("budget", [0, "5 kB"])
+def test_a_coarse_level_stands_in_within_the_bound(budget):
+    """It is nearer to the image than the middle is, and its bound is that of the fine samples."""
+    volume = wvr.build_ranges(opened(DATA))
+    camera = CAMERAS["outside"]
+    exact = wvr.render(WHOLE, TF, camera, SIZE, integrator=wvr.Exact())
+    middle = wvr.render(volume, TF, camera, SIZE, tolerance=TOLERANCE, budget=budget)
+    pyramid = wvr.build_ranges(opened(DATA))
+    pyramid.coarse = wvr.open(DATA[::2, ::2, ::2], spacing=2 * np.array(WHOLE.spacing))
+    assert pyramid.preview is not None
+    image = wvr.render(pyramid, TF, camera, SIZE, tolerance=TOLERANCE, budget=budget)
+    assert_within(image, camera, None)
+    off, before = (np.abs(one.rgba - exact.rgba).mean() for one in (image, middle))
+    assert off < before / 2
+
+
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
+def test_blocks_whose_edges_no_ray_meets_are_not_read(camera, monkeypatch):
+    """With few rays fewer than are visible; the same image as with all of them."""
+    volume = wvr.build_ranges(opened(DATA))
+    image = wvr.render(volume, TF, camera, (3, 2), tolerance=TOLERANCE, precision="float64")
+    monkeypatch.setattr(Pieces, "needed", lambda *_: None)
+    every = wvr.render(volume, TF, camera, (3, 2), tolerance=TOLERANCE, precision="float64")
+    assert image.stats["blocks_read"] < every.stats["blocks_read"]
+    np.testing.assert_allclose(image.rgba, every.rgba, atol=1e-12)
+
+
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
 def test_blocks_of_one_value_are_known_without_reading(camera):
     """Ranges say all of them: the image is exact, and its bound but for the image's rounding nothing."""
@@ -174,14 +221,15 @@ def test_ranges_are_those_of_the_samples(store):
             assert known.values[(*at, *layer)].tolist() == [samples.min(), samples.max()]
     assert known.limits() == (DATA.min(), DATA.max())
     for towards in ((0, 0, 0), (2, 4, 1)):
-        found, there = known.of_bricks(towards)
+        found, there = known.of_pieces(towards)
         assert there.all()
         bricks = Bricks.of_chunks(volume.starts, towards)
         for index in bricks:
             low, high = bricks.box(index)
             own = WHOLE.region(low, high)
-            # That of the brick, and of no more than its block besides.
-            assert found[index[::-1]][0] <= own.min() and found[index[::-1]][1] >= own.max()
+            ranges = found[(slice(None),) * 3 + index[::-1]].reshape(-1, 2)
+            # That of its pieces together.
+            assert ranges[:, 0].min() == own.min() and ranges[:, 1].max() == own.max()
 
 
 def test_ranges_go_on_where_they_stopped_and_notice_changes(store, monkeypatch):

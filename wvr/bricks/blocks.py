@@ -37,10 +37,13 @@ class Blocks:
         Where samples are read.
     room
         Bytes of samples and of what is made of them.
+    again
+        Blocks may be asked for again at any time: those that were read last are kept.
     """
 
-    def __init__(self, volume: StoredVolume, bricks: Bricks, halo: Halo, first: Index, room: int):
+    def __init__(self, volume: StoredVolume, bricks: Bricks, halo: Halo, first: Index, room: int, again: bool = False):
         self.volume, self.bricks, self.halo, self.first = volume, bricks, halo, first
+        self.keeps = again or any(halo.samples)
         self.read: set[Index] = set()
         self.again = 0  # blocks that were read once more
         self.bytes = 0  # of samples that were read
@@ -54,26 +57,33 @@ class Blocks:
         # Each brick is there as blocks and put together, the one that is rendered besides what is made of it.
         self.ahead = int(np.clip(room // largest - 2, 0, AHEAD))
         # Without a halo each block is read once, and only its layers are looked at again.
-        self.room = max(room - (self.ahead + 1) * largest, 0) if any(halo.samples) else 0
+        self.room = max(room - (self.ahead + 1) * largest, 0) if self.keeps else 0
         if room < 2 * largest:
             raise MemoryError(
                 f"memory_limit of {room / 2**20:.0f} MiB is too little for {volume.samples.name}: one brick with the "
                 f"blocks that it is made of takes {2 * largest / 2**20:.0f} MiB"
             )
 
-    def come(self, index: Index) -> bool:
-        """Have a brick read ahead, if there is room for one more."""
-        if index not in self._coming and len(self._coming) < self.ahead:
-            self._coming[index] = self._pool.submit(self._brick, index)
-        return len(self._coming) < self.ahead
+    @property
+    def coming(self) -> list[Index]:
+        """Bricks that are read ahead."""
+        return list(self._coming)
 
-    def drop(self, wanted: set[Index]) -> None:
+    @property
+    def full(self) -> bool:
+        """Whether no more are read ahead."""
+        return len(self._coming) >= self.ahead
+
+    def come(self, index: Index, needed: set[Index] | None) -> None:
+        """Have a brick read ahead, of the blocks that are needed of it; None is all."""
+        self._coming[index] = self._pool.submit(self._brick, index, needed)
+
+    def drop(self, index: Index) -> None:
         """Forget what was read ahead and is no longer wanted."""
-        for index in [index for index in self._coming if index not in wanted]:
-            self._coming.pop(index).cancel()
+        self._coming.pop(index).cancel()
 
-    def __getitem__(self, index: Index) -> Brick:
-        """A brick.
+    def take(self, index: Index, needed: set[Index] | None = None) -> Brick:
+        """A brick, as of ``come``.
 
         Raises
         ------
@@ -81,9 +91,10 @@ class Blocks:
             Where a block cannot be read.
         """
         start = perf_counter()
-        future = self._coming.pop(index, None) or self._pool.submit(self._brick, index)
+        if index not in self._coming:
+            self.come(index, needed)
         try:
-            return future.result()
+            return self._coming.pop(index).result()
         finally:
             self.waited += perf_counter() - start
 
@@ -91,21 +102,18 @@ class Blocks:
         """Read nothing more."""
         self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def _brick(self, index: Index) -> Brick:
-        """In the one thread that reads."""
+    def _brick(self, index: Index, needed: set[Index] | None) -> Brick:
+        """In the one thread that reads. Samples of blocks that are not needed are anything with nothing to see."""
         low, high = self.halo.box(self.bricks, index)
         samples = np.empty(tuple((high - low + 1)[::-1]), self.volume.dtype)
-        spans = [
-            range(int(np.searchsorted(along, a, "right")) - 1, int(np.searchsorted(along, b, "right")))
-            for along, a, b in zip(self.volume.starts, low, high, strict=True)
-        ]
         # Its own first, the largest part.
-        found: list[Any] = sorted(product(*spans), key=lambda block: block != index)
+        found: list[Any] = sorted(product(*self.volume.spans(low, high)), key=lambda block: block != index)
         for block in found:
             begin, end = self.volume.block(block)
             begin, end = np.maximum(begin, low), np.minimum(end, high)
             part = tuple(slice(a, b + 1) for a, b in zip((begin - low)[::-1], (end - low)[::-1], strict=True))
-            samples[part] = self._part(block, begin, end)
+            read = needed is None or block in needed
+            samples[part] = self._part(block, begin, end) if read else self._unseen(block, begin, end)
         self._trim(index)
         return Brick(samples, low, self.volume)
 
@@ -113,20 +121,12 @@ class Blocks:
         """Samples of a block from ``begin`` to ``end``; one number where all are equal."""
         low, high = self.volume.block(block)
         if block not in self._full:
-            # Layers of one sample, by axis and side.
-            thin = [
-                (axis, side)
-                for axis in range(3)
-                for side, at in ((FIRST, low[axis]), (LAST, high[axis]))
-                if begin[axis] == end[axis] == at
-            ]
-            if self.volume.ranges is not None:
-                sides = [ALL, ALL, ALL]
-                for axis, side in thin:
-                    sides[axis] = side
-                limits = self.volume.ranges.layer(block, tuple(sides))  # type: ignore[arg-type]
-                if limits is not None and limits[0] == limits[1]:
-                    return np.ldexp(np.float64(limits[0]), self.volume.exponent) if self.volume.exponent else limits[0]
+            thin = self._thin(block, begin, end)
+            ranges = self.volume.ranges
+            if ranges is not None and ranges.known[block[::-1]] and not ranges.holes[block[::-1]]:
+                least, most = ranges.values[_layer(block, thin)]
+                if least == most:
+                    return self._sample(least)
             for axis, side in thin:
                 layer = self._layers.get(block, {}).get((axis, side))
                 if layer is not None:
@@ -137,6 +137,23 @@ class Blocks:
         self._full.move_to_end(block)
         return self._full[block][_slices(begin - low, end - low)]
 
+    def _unseen(self, block: Index, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Any:
+        """A sample as there are some in a part of a block, so that where nothing is seen of those it is not of this."""
+        ranges = self.volume.ranges
+        if ranges is None or not ranges.known[block[::-1]]:
+            return 0  # which no ray meets
+        low, high = ranges.values[_layer(block, self._thin(block, begin, end))]
+        return np.nan if low > high else self._sample(low)
+
+    def _thin(self, block: Index, begin: NDArray[np.int64], end: NDArray[np.int64]) -> list[tuple[int, int]]:
+        """Axes along which a part of a block is a layer of one sample, and which."""
+        low, high = self.volume.block(block)
+        sides = ((axis, side, at[axis]) for axis in range(3) for side, at in ((FIRST, low), (LAST, high)))
+        return [(axis, side) for axis, side, at in sides if begin[axis] == end[axis] == at]
+
+    def _sample(self, limit: Any) -> Any:
+        return np.ldexp(np.float64(limit), self.volume.exponent) if self.volume.exponent else limit
+
     def _read(self, block: Index, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
         samples = self.volume.region(low, high)
         self.again += block in self.read
@@ -145,9 +162,9 @@ class Blocks:
         # One that is read for its layers alone, too, has to find room.
         self._make_room(samples.nbytes)
         self._full[block] = samples
-        layers = self._layers[block] = {}
-        if any(self.halo.samples):
+        if self.keeps:
             return
+        layers = self._layers[block] = {}
         for axis in range(3):
             # On the sides away from the camera.
             if block[axis] <= self.first[axis]:
@@ -169,6 +186,14 @@ class Blocks:
 
     def _distance(self, index: Index) -> int:
         return sum(abs(i - j) for i, j in zip(index, self.first, strict=True))
+
+
+def _layer(block: Index, thin: list[tuple[int, int]]) -> tuple[int, ...]:
+    """Where the range of a layer of a block is among those of all."""
+    sides = [ALL, ALL, ALL]
+    for axis, side in thin:
+        sides[axis] = side
+    return (*block[::-1], *sides[::-1])
 
 
 def _slices(begin: NDArray[np.int64], end: NDArray[np.int64]) -> tuple[slice, ...]:

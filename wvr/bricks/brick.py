@@ -120,10 +120,25 @@ class Caster:
 
     def footprint(self, index: Index) -> Rect | None:
         """The pixels that may see a brick."""
-        low, high = self.bricks.box(index)
+        return self.seen_in(*self.bricks.box(index))
+
+    def seen_in(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> Rect | None:
+        """The pixels that may see cells between two samples."""
         thin = np.array(self.scene.volume.shape[::-1]) == 1
         box = low - 0.5 * thin, high + 0.5 * thin
         return footprint(self.scene.volume, box, self.camera, self.basis, self.size)
+
+    def lines(self, x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where rays of pixels are, and where they go, in index coordinates, (n, 3): as of ``kernels.ray.line``."""
+        view, to_index = self.view, np.array(self.view.to_index).reshape(3, 3)
+        at, way = (
+            np.array(first) + x[:, None] * np.array(right) + y[:, None] * np.array(down)
+            for first, right, down in (
+                (view.anchor, view.right, view.down),
+                (view.way, view.way_right, view.way_down),
+            )
+        )
+        return at, way @ to_index.T
 
     @property
     def ending(self) -> float:
@@ -144,10 +159,13 @@ class Caster:
         return bool((image.through[rect] < self.ending).all())
 
     def end(self, image: Partial, rect: Rect) -> None:
-        """Have the bound of some pixels hold for whatever is behind, which is between 0 and the brightest."""
+        """Have the bound of rays that ended hold for whatever is behind, which is between 0 and the brightest."""
         if image.bound is not None:
-            image.bound[rect] += image.through[rect] * self.scene.brightest
-            image.through[rect] = 0.0
+            here = image.part(rect)
+            gone = here.through < self.ending
+            assert here.bound is not None
+            here.bound[gone] += here.through[gone] * self.scene.brightest
+            here.through[gone] = 0.0
 
     def _edges(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
         """Whether rays may begin or end within a box, or so near that being astray counts."""

@@ -194,12 +194,13 @@ def group_image(shared: Shared, indices: list[Index], rect: Rect, front: NDArray
     image = Partial.nothing(rect, march.caster.bounded)
     blocks = march.blocks(_memory() // 2)
     counts = Counts()
+    clear = front.astype(np.float64)
     try:
         for index in indices:
             place = march.caster.footprint(index)
-            if place is None:
+            if place is None or (needed := march.needed(image, index, place, clear)) == set():
                 continue
-            march.cast(blocks, image, index, place, front.astype(np.float64))
+            march.cast(blocks, image, index, place, needed, clear)
             keep.end_of_frame()
     finally:
         blocks.close()

@@ -41,7 +41,7 @@ def check(scene: Scene, reading: Reading) -> None:
             f"integrator must be one whose rays are composed of those of bricks, Certified, Exact, Riemann, Simpson or "
             f"Preintegrated, for a volume in bricks (memory_limit, client, wvr.open), got {integrator!r}"
         )
-    limited = reading.seconds is not None or reading.bytes is not None
+    limited = reading.budgeted
     for name, given, value in (("budget", limited, "one"), ("missing", reading.missing == "bound", '"bound"')):
         if given and not getattr(integrator.half(scene), "bounded", False):
             raise ValueError(f"{name} = {value} needs an integrator with a bound, Certified, got {integrator!r}")

@@ -76,33 +76,34 @@ class BlockRanges:
             return 0.0, 0.0
         return float(whole[..., 0][there].min()), float(whole[..., 1][there].max())
 
-    def layer(self, index: Index, sides: tuple[int, int, int]) -> NDArray | None:
-        """Range of a block (``sides`` all ``ALL``) or of a layer of it, by x, y, z; None where it is not known."""
-        at = index[::-1]
-        return self.values[at + sides[::-1]] if self.known[at] and not self.holes[at] else None
-
-    def of_bricks(self, towards: Index) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Ranges (bz, by, bx, 2) of ``Bricks.of_chunks``, each of a block and the layers before it, and whether they
-        are known; the wrong way round where there are no samples.
+    def of_pieces(self, towards: Index) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Ranges (2, 2, 2, bz, by, bx, 2) of the pieces that ``Bricks.of_chunks`` are of, and whether they are known:
+        along each axis the block itself, or the cells between it and the neighbour towards the camera; the wrong way
+        round where there are no samples, or no such cells.
         """
-        low = np.full(self.known.shape, np.inf)
-        high = np.full(self.known.shape, -np.inf)
-        known = np.ones(self.known.shape, bool)
-        near, side = [], []
-        for axis, n in enumerate(self.known.shape):
-            i = np.arange(n)
-            at = towards[2 - axis]
-            # The neighbour nearer to the camera, and its layer on this side.
+        shape = self.known.shape
+        low, high = np.full((2, 2, 2, *shape), np.inf), np.full((2, 2, 2, *shape), -np.inf)
+        known = np.ones((2, 2, 2, *shape), bool)
+        near, own, other, there = [], [], [], []
+        for axis, n in enumerate(shape):
+            i, at = np.arange(n), towards[2 - axis]
             near.append(np.where(i > at, i - 1, np.where(i < at, i + 1, i)))
-            side.append(np.where(i > at, LAST, np.where(i < at, FIRST, ALL)))
-        for take in product((False, True), repeat=3):
-            which = np.ix_(*(near[a] if take[a] else np.arange(len(near[a])) for a in range(3)))
-            layers = np.ix_(*(side[a] if take[a] else np.zeros(len(near[a]), int) for a in range(3)))
-            values = self.values[which + layers].astype(np.float64)
-            there = values[..., 0] <= values[..., 1]
-            low = np.where(there, np.minimum(low, values[..., 0]), low)
-            high = np.where(there, np.maximum(high, values[..., 1]), high)
-            known &= self.known[which]
+            # The layers on both sides of the cells between.
+            own.append(np.where(i > at, FIRST, LAST))
+            other.append(np.where(i > at, LAST, FIRST))
+            there.append(i != at)
+        for seam in product((0, 1), repeat=3):
+            for take in product(*((0, 1) if cut else (0,) for cut in seam)):
+                which = np.ix_(*(near[a] if take[a] else np.arange(shape[a]) for a in range(3)))
+                sides = [other[a] if take[a] else own[a] if seam[a] else np.full(shape[a], ALL) for a in range(3)]
+                values = self.values[which + np.ix_(*sides)].astype(np.float64)
+                some = values[..., 0] <= values[..., 1]
+                for axis in range(3):
+                    if seam[axis]:
+                        some &= np.moveaxis(there[axis][:, None, None], 0, axis)
+                low[seam] = np.where(some, np.minimum(low[seam], values[..., 0]), low[seam])
+                high[seam] = np.where(some, np.maximum(high[seam], values[..., 1]), high[seam])
+                known[seam] &= self.known[which]
         return np.stack([low, high], axis=-1), known
 
     def around(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

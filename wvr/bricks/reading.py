@@ -58,6 +58,11 @@ class Reading:
         return cls(memory, seconds, bytes_, missing, checked_client(client))
 
     @property
+    def budgeted(self) -> bool:
+        """Whether not all may be read."""
+        return self.seconds is not None or self.bytes is not None
+
+    @property
     def limited(self) -> bool:
         """Whether it is for bricks alone."""
         return self != Reading()

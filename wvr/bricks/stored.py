@@ -184,6 +184,11 @@ class StoredVolume(Field):
         pairs = [along[i : i + 2] for along, i in zip(self.starts, index, strict=True)]
         return np.array([a for a, _ in pairs]), np.array([b - 1 for _, b in pairs])
 
+    def spans(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> list[Any]:
+        """Which blocks the samples from ``low`` to ``high`` are of, along x, y, z."""
+        pairs = zip(self.starts, low, high, strict=True)
+        return [np.arange(*np.searchsorted(along, (a, b), "right") - (1, 0)).tolist() for along, a, b in pairs]
+
     @cached_property
     def range(self) -> tuple[float, float]:
         """Smallest and largest sample; where ranges are not known, those that the dtype holds, and of floating-point

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from time import perf_counter
 from typing import Any
 
@@ -14,13 +15,15 @@ from ..keep import Keeper
 from ..memory import free_host_memory
 from ..notices import announce
 from ..scene import Scene
+from . import limited
 from .blocks import Blocks
 from .brick import Caster
 from .grid import Bricks, Index, Rect, in_order
 from .partial import Partial
+from .pieces import Pieces
 from .reading import Reading
 from .stored import StoredVolume
-from .unread import Looks, unread, unread_brick, widened
+from .unread import Looks, unread_brick, widened
 
 # Of free memory, what samples take where no limit is given.
 SHARE = 1 / 4
@@ -52,6 +55,7 @@ class Streamed:
         self.caster = Caster(replace(scene, integrator=integrator), camera, size, self.bricks, keep)
         self.looks, visible = self._looks()
         self.order = [index for index in in_order(self.bricks, volume, camera) if visible[index[::-1]]]
+        self.unneeded: set[Index] = set()  # of those, whose pieces with something to see no ray meets
         self.rest: list[Index] = []  # for which there was no time
         self.missing = 0
 
@@ -59,17 +63,28 @@ class Streamed:
         """Of all bricks, in order (z, y, x), and in which of them there may be something to see."""
         scene, volume = self.caster.scene, self.volume
         shape = tuple(reversed(self.bricks.counts))
+        self.pieces = None
         if volume.ranges is None:
             ranges = np.broadcast_to(np.array(volume.range), (*shape, 2))
             visible = np.ones(shape, bool)
+            pieces = np.ones((2, 2, 2, *shape), bool)
         else:
             lit = any(self.caster.halo.samples)
-            ranges, known = volume.ranges.around() if lit else volume.ranges.of_bricks(self.towards)
+            ranges, known = volume.ranges.around() if lit else volume.ranges.of_pieces(self.towards)
             ranges = np.ldexp(ranges, volume.exponent)
             some = ranges[..., 0] <= ranges[..., 1]
-            ranges = np.where((known & some)[..., None], ranges, volume.range)
-            visible = some | ~known
-            visible &= (Looks.of(scene, ranges.reshape(-1, 2)).most > 0).reshape(shape) | ~known
+            pieces = some | ~known
+            here = some & known
+            pieces[here] = Looks.of(scene, widened(self.caster, ranges[here])).most > 0
+            every = (0, 1, 2) if not lit else ()
+            low = np.where(known, ranges[..., 0], -np.inf).min(axis=every)
+            high = np.where(known, ranges[..., 1], np.inf).max(axis=every)
+            ranges = np.stack([low, high], axis=-1)
+            certain = (low <= high) & np.isfinite(low) & np.isfinite(high)
+            ranges = np.where(certain[..., None], ranges, volume.range)
+            visible = np.asarray(pieces.any(axis=every))
+        if not any(self.caster.halo.samples):
+            self.pieces = Pieces(self.caster, pieces, self.towards)
         return Looks.of(scene, widened(self.caster, ranges.reshape(-1, 2))), visible
 
     def number(self, index: Index) -> int:
@@ -79,37 +94,25 @@ class Streamed:
     def render(self) -> tuple[Partial, dict[str, Any]]:
         """The image, and how it came about."""
         start = perf_counter()
-        reading, caster = self.reading, self.caster
+        reading = self.reading
         if reading.client is not None:
             from .cluster import render
 
             image, stats = render(self, reading.client)
             return image, {"seconds": perf_counter() - start} | stats
-        blocks = self.blocks(int(free_host_memory() * SHARE) if reading.memory is None else reading.memory)
-        image = caster.nothing()
-        spent = np.zeros(image.through.shape)
-        cast = spared = 0
+        room = int(free_host_memory() * SHARE) if reading.memory is None else reading.memory
+        if reading.budgeted:
+            # Half for images of bricks.
+            room //= 2
+        blocks = self.blocks(room, again=reading.budgeted)
+        self.spared = 0
         try:
-            for n, index in enumerate(self.order):
-                late = reading.seconds is not None and perf_counter() - start >= reading.seconds
-                if late or (reading.bytes is not None and blocks.bytes >= reading.bytes):
-                    self.rest = self.order[n:]
-                    break
-                rect = self.wanted(image, index)
-                if rect is None:
-                    continue
-                if (left := self._left_out(image, spent, index, rect)) is not None:
-                    image.over(left)
-                    spared += 1
-                    continue
-                self._ahead(blocks, image, n)
-                self.cast(blocks, image, index, rect)
-                cast += 1
-                self.keep.end_of_frame()
+            if reading.budgeted:
+                image, cast = limited.render(self, blocks, start, room)
+            else:
+                image, cast = self._outwards(blocks)
         finally:
             blocks.close()
-        if self.rest:
-            image.over(self._unread())
         total = int(np.prod(self.bricks.counts))
         stats = {
             "seconds": perf_counter() - start,
@@ -117,7 +120,7 @@ class Streamed:
             "bricks": total,
             "bricks_visible": len(self.order),
             "bricks_rendered": cast,
-            "bricks_spared": spared,
+            "bricks_spared": self.spared,
             "bricks_unread": len(self.rest),
             "bricks_missing": self.missing,
             "blocks_read": len(blocks.read),
@@ -127,9 +130,34 @@ class Streamed:
         }
         return image, stats
 
-    def blocks(self, room: int) -> Blocks:
-        """Those of its bricks, in so many bytes."""
-        return Blocks(self.volume, self.bricks, self.caster.halo, self.towards, room)
+    def _outwards(self, blocks: Blocks) -> tuple[Partial, int]:
+        """The image, and how many bricks were rendered, from the camera outwards."""
+        caster = self.caster
+        image = caster.nothing()
+        spent = np.zeros(image.through.shape)
+        cast = 0
+        for n, index in enumerate(self.order):
+            rect = self.wanted(image, index)
+            if rect is None:
+                continue
+            needed = self.needed(image, index, rect)
+            if needed is not None and not needed:
+                # Rays that ended before it are at an end for good.
+                caster.end(image, rect)
+                continue
+            if (left := self._left_out(image, spent, index, rect)) is not None:
+                image.over(left)
+                self.spared += 1
+                continue
+            self._ahead(blocks, image, n, needed)
+            self.cast(blocks, image, index, rect, needed)
+            cast += 1
+            self.keep.end_of_frame()
+        return image, cast
+
+    def blocks(self, room: int, again: bool = False) -> Blocks:
+        """Those of its bricks, in so many bytes; ``again``, if they are not asked for from the camera outwards."""
+        return Blocks(self.volume, self.bricks, self.caster.halo, self.towards, room, again)
 
     def wanted(self, image: Partial, index: Index, end: bool = True) -> Rect | None:
         """The pixels that a brick is rendered in; None where there are none, as their rays may have ended."""
@@ -140,13 +168,41 @@ class Streamed:
             return None
         return rect
 
-    def _ahead(self, blocks: Blocks, image: Partial, n: int) -> None:
-        """Have the next bricks read meanwhile."""
-        ahead = [index for index in self.order[n + 1 : n + LOOKED] if self.wanted(image, index, end=False)]
-        blocks.drop({self.order[n], *ahead})
-        for index in (self.order[n], *ahead):
-            if not blocks.come(index):
+    def needed(
+        self, image: Partial, index: Index, rect: Rect, front: NDArray[np.float64] | None = None
+    ) -> set[Index] | None:
+        """The blocks that are needed of a brick, an empty set where no ray meets what there is to see; None is all."""
+        if self.pieces is None:
+            return None
+        if index in self.unneeded:
+            return set()
+        through = image.part(rect).through
+        blocks = self.pieces.needed(index, rect, through if front is None else through * front[image.at(rect)])
+        if not blocks:
+            self.unneeded.add(index)
+        return blocks
+
+    def needs(self, index: Index) -> set[Index]:
+        """The blocks that are needed of a brick, whatever is in front of it."""
+        rect = self.caster.footprint(index)
+        if rect is None:
+            return set()
+        needed = self.needed(Partial.nothing(rect, False), index, rect)
+        return set(product(*self.volume.spans(*self.caster.halo.box(self.bricks, index)))) if needed is None else needed
+
+    def _ahead(self, blocks: Blocks, image: Partial, n: int, needed: set[Index] | None) -> None:
+        """Have a brick read, and the next ones meanwhile."""
+        for index in blocks.coming:
+            if self.wanted(image, index, end=False) is None:
+                blocks.drop(index)
+        if self.order[n] not in blocks.coming:
+            blocks.come(self.order[n], needed)
+        for index in self.order[n + 1 : n + LOOKED]:
+            if blocks.full:
                 break
+            rect = None if index in blocks.coming else self.wanted(image, index, end=False)
+            if rect is not None and (these := self.needed(image, index, rect)) != set():
+                blocks.come(index, these)
 
     def _left_out(self, image: Partial, spent: NDArray[np.float64], index: Index, rect: Rect) -> Partial | None:
         """The image of a brick that need not be read, as all that it may look like fits into what is spared for
@@ -170,23 +226,20 @@ class Streamed:
         return partial
 
     def cast(
-        self, blocks: Blocks, image: Partial, index: Index, rect: Rect, front: NDArray[np.float64] | None = None
+        self,
+        blocks: Blocks,
+        image: Partial,
+        index: Index,
+        rect: Rect,
+        needed: set[Index] | None,
+        front: NDArray[np.float64] | None = None,
     ) -> None:
         """Compose the image of a brick into that of what is in front of it, as of ``Caster.cast``."""
         try:
-            self.caster.cast(index, blocks[index], image, rect, front)
+            self.caster.cast(index, blocks.take(index, needed), image, rect, front)
         except OSError as error:
             if self.reading.missing == "error":
                 raise
             announce("%s", error)
             self.missing += 1
             image.over(unread_brick(self.caster, index, rect, self.looks[[self.number(index)]]))
-
-    def _unread(self) -> Partial:
-        """What the bricks look like that are not read for want of time, with nothing behind."""
-        shape = tuple(reversed(self.bricks.counts))
-        numbers = np.full(shape, -1, np.int32)
-        for index in self.rest:
-            numbers[index[::-1]] = self.number(index)
-        whole = self.caster.nothing().rect
-        return unread(self.caster, whole, numbers, self.looks, self.bricks)

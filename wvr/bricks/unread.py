@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..kernels.bricks.unread import Unread, map_unread, show_unread
+from ..kernels.bricks.unread import Unread, map_unread
 from ..launch import launch_pixels
 from ..scene import Scene
 from ..transfer.function import transfer_values
@@ -103,45 +103,36 @@ def widened(caster: Caster, ranges: Floats) -> Floats:
     return ranges + np.array([-more, more])
 
 
-def unread(
-    caster: Caster, rect: Rect, numbers: NDArray[np.int32], looks: Looks, bricks: Bricks, last: bool = True
-) -> Partial:
-    """The image of bricks that are not read.
-
-    Parameters
-    ----------
-    numbers
-        (z, y, x) of bricks: which of the ``looks`` each has, negative where it is left out.
-    last
-        Nothing is behind them, so that the bound is as narrow as their ranges; else it is one for whatever is behind.
+def struct_of(caster: Caster, numbers: NDArray[np.int32], looks: Looks, bricks: Bricks) -> Any:
+    """The struct of kernels for ``numbers`` (z, y, x) of ``bricks``: which of the ``looks`` each has, negative where
+    it is left out.
     """
     scene, device = caster.scene, caster.keep.device
-    rows, columns = rect
-    shape = rows.stop - rows.start, columns.stop - columns.start
     struct = Unread()
-    for name, along, ends in zip("xyz", bricks.edges, ((0, -1),) * 3, strict=True):
+    for name, along in zip("xyz", bricks.edges, strict=True):
         faces = np.array(along, np.float64)
-        faces[ends[0]], faces[ends[1]] = -FAR, FAR
+        faces[0], faces[-1] = -FAR, FAR
         setattr(struct, name, wp.array(faces, dtype=wp.float64, device=device))
     struct.number = wp.array(np.ascontiguousarray(numbers, np.int32), dtype=int, device=device)
     struct.least, struct.most = (wp.array(a, dtype=wp.float64, device=device) for a in (looks.least, looks.most))
     struct.low, struct.high = (wp.array(a, dtype=wp.vec3d, device=device) for a in (looks.low, looks.high))
     struct.brightest, struct.grain, struct.astray = scene.brightest, caster.grain, caster.view.astray
-    struct.row, struct.column = rows.start, columns.start
-    caster.view.width, caster.view.height = shape[1], shape[0]
-    bound = np.zeros(shape)
-    partial = replace(Partial.nothing(rect, bounded=False), bound=bound)
-    with shared(device, (partial.rgbt, wp.vec4d), (bound, wp.float64)) as (rgbt, bounds):
-        launch_pixels(show_unread if last else map_unread, [caster.view, struct, rgbt, bounds], device, caster.view)
-        wp.synchronize_device(device)
-    return partial
+    struct.densest = float(looks.most.max(initial=0.0))
+    return struct
 
 
 def unread_brick(caster: Caster, index: Index, rect: Rect, looks: Looks) -> Partial:
-    """The image of one brick that is not read, which has the first of the ``looks``."""
+    """The image of one brick that is not read, which has the first of the ``looks``: bounded for whatever is behind."""
     low, high = caster.bricks.own(index)
-    alone = Bricks(tuple((a, b) for a, b in zip(low.tolist(), high.tolist(), strict=True)))
+    around = Bricks(tuple((-FAR, a, b, FAR) for a, b in zip(low.tolist(), high.tolist(), strict=True)))  # type: ignore[misc]
     numbers = np.zeros((3, 3, 3), np.int32) - 1
     numbers[1, 1, 1] = 0
-    around = Bricks(tuple((-FAR, a, b, FAR) for a, b in alone.edges))  # type: ignore[misc]
-    return unread(caster, rect, numbers, looks, around, last=False)
+    struct = struct_of(caster, numbers, looks, around)
+    struct.row, struct.column = rect[0].start, rect[1].start
+    partial = Partial.nothing(rect, bounded=True)
+    caster.view.height, caster.view.width = partial.through.shape
+    bound = np.zeros(partial.through.shape)
+    with shared(caster.keep.device, (partial.rgbt, wp.vec4d), (bound, wp.float64)) as outputs:
+        launch_pixels(map_unread, [caster.view, struct, *outputs], caster.keep.device, caster.view)
+        wp.synchronize_device(caster.keep.device)
+    return replace(partial, bound=bound)
