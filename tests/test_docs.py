@@ -81,15 +81,16 @@ def named(value: str, label: str) -> bool:
         return label == value or label.startswith((f"{value},", f"{value}:", f"{value} ("))
 
 
-def cell(page: Path, at: str, key: str, label: str) -> dict[str, str]:
-    """The row of a file, with its key as the label says and, in brackets, other columns as given."""
+def cell(page: Path, at: str, labels: dict[str, str]) -> dict[str, str]:
+    """The row of a file, with its keys as the labels say and, in brackets, other columns as given."""
     name, *given = re.split(r"[\[\];]+", at.strip())
     with (page.parent / name.strip()).open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     wanted = dict(one.strip().split("=") for one in given if one.strip())
-    rows = [row for row in rows if named(row[key], label) and wanted.items() <= row.items()]
-    found = [row for row in rows if row[key] == label] or rows
-    assert len(found) == 1, f"{len(found)} rows of {at} have {key} = {label}"
+    rows = [row for row in rows if wanted.items() <= row.items()]
+    rows = [row for row in rows if all(named(row[key], label) for key, label in labels.items())]
+    found = [row for row in rows if labels.items() <= row.items()] or rows
+    assert len(found) == 1, f"{len(found)} rows of {at} have {labels}"
     return found[0]
 
 
@@ -97,25 +98,24 @@ def cell(page: Path, at: str, key: str, label: str) -> dict[str, str]:
 def test_numbers_are_those_of_their_cells(page, source, table):
     """``FILE by KEY: A, B*100 | [scene=bonsai] C | -``: in each row of the page, whose first column is the KEY of a row
     of the file, the second has numbers of its columns A and B (B in per cent), the third C of the row that also has the
-    scene, the last none that were measured.
+    scene, the last none that were measured. Keys may be several, ``KEY + KEY``, as many first columns of the page; names
+    with commas are in quotation marks.
     """
     file, columns = source.split(" by ", 1)
-    key, columns = columns.split(": ", 1)
+    keys, columns = columns.split(": ", 1)
+    keys = keys.split(" + ")
     for row in table.splitlines()[2:]:
-        label, *texts = (text.strip() for text in re.sub(r"[`*]", "", row).strip().strip("|").split("|"))
+        texts = [text.strip() for text in re.sub(r'[`*"]', "", row).strip()[1:-1].split("|")]
+        labels, texts = dict(zip(keys, texts, strict=False)), texts[len(keys) :]
         specs = columns.split(" | ")
         assert len(texts) == len(specs), row
         for text, spec in zip(texts, specs, strict=True):
             where, names = re.fullmatch(r"(\[.*?\] )?(.*)", spec.strip()).groups()
-            if names == "-":
-                continue
-            measured = cell(page, file + (where or ""), key, label)
             numbers = NUMBER.findall(text)
-            names = (
-                []
-                if not numbers and not any(measured[n.partition("*")[0]] for n in names.split(", "))
-                else names.split(", ")
-            )
+            if names == "-" or not numbers and not text:
+                continue
+            measured = cell(page, file + (where or ""), labels)
+            names = next(csv.reader([names], skipinitialspace=True))
             assert len(numbers) == len(names), f"{text} is not of {names}"
             for number, name in zip(numbers, names, strict=True):
                 column, _, factor = name.partition("*")
