@@ -98,8 +98,8 @@ def cell(page: Path, at: str, labels: dict[str, str]) -> dict[str, str]:
 def test_numbers_are_those_of_their_cells(page, source, table):
     """``FILE by KEY: A, B*100 | [scene=bonsai] C | -``: in each row of the page, whose first column is the KEY of a row
     of the file, the second has numbers of its columns A and B (B in per cent), the third C of the row that also has the
-    scene, the last none that were measured. Keys may be several, ``KEY + KEY``, as many first columns of the page; names
-    with commas are in quotation marks.
+    scene, the last none that were measured. Keys may be several, ``KEY + KEY``, as many first columns of the page;
+    names with commas are in quotation marks.
     """
     file, columns = source.split(" by ", 1)
     keys, columns = columns.split(": ", 1)
@@ -112,7 +112,7 @@ def test_numbers_are_those_of_their_cells(page, source, table):
         for text, spec in zip(texts, specs, strict=True):
             where, names = re.fullmatch(r"(\[.*?\] )?(.*)", spec.strip()).groups()
             numbers = NUMBER.findall(text)
-            if names == "-" or not numbers and not text:
+            if names == "-" or (not numbers and not text):
                 continue
             measured = cell(page, file + (where or ""), labels)
             names = next(csv.reader([names], skipinitialspace=True))
