@@ -43,12 +43,12 @@ def blocks(values: NDArray) -> NDArray[np.float64]:
     return values[:height, :width].reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK).sum((1, 3), dtype=float)
 
 
-def largest(found: Sequence[tuple[float, float]]) -> float | None:
+def largest(found: Sequence[tuple[float, float]], visible: float = VISIBLE) -> float | None:
     """The largest distance without aliasing, of growing distances and their aliasing: between the last that is free of
     it and the first that shows it.
     """
-    clean = list(takewhile(lambda one: one[1] <= VISIBLE, found))
+    clean = list(takewhile(lambda one: one[1] <= visible, found))
     if not clean or len(clean) == len(found):
         return clean[-1][0] if clean else None
     (last, low), (first, high) = clean[-1], found[len(clean)]
-    return round(float(last * (first / last) ** (np.log(VISIBLE / low) / np.log(high / low))), 3)
+    return round(float(last * (first / last) ** (np.log(visible / low) / np.log(high / low))), 3)

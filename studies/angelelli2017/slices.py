@@ -139,19 +139,21 @@ class Slices:
         taps: int = 5,
         some: int | None = None,
         window: int | None = None,
+        nearer: float = 0.0,
     ) -> Drawn:
-        """An image of a parallel camera, or a ``window`` of its middle; of ``some`` slices alone, evenly apart, it is
-        only the time.
+        """An image of a parallel camera, or a ``window`` of its middle, slices a part of their distance ``nearer``; of
+        ``some`` slices alone, evenly apart, it is only the time.
         """
         unit = self.volume.smallest_spacing
         Sliced, Left, one_slice = make_slice(self.dtype, taps)
         right, up, ahead = camera.basis()
         pixel = 2 * camera.half_height / size
         depths = (self.volume.corners - camera.target) @ ahead / unit
-        count = int(np.ceil((depths.max() - depths.min()) / distance)) + 1
+        start = depths.min() - nearer * distance
+        count = int(np.ceil((depths.max() - start) / distance)) + 1
         into = np.linalg.inv(self.volume.index_to_world)
         shown = size if window is None else window
-        corner = camera.target + 0.5 * (shown - 1) * pixel * (up - right) + depths.min() * unit * ahead
+        corner = camera.target + 0.5 * (shown - 1) * pixel * (up - right) + start * unit * ahead
         scene = Sliced()
         scene.field, scene.parts = self.field, subsamples + 1
         scene.corner = wp.vec3(*(into[:3, :3] @ corner + into[:3, 3]))
@@ -173,6 +175,6 @@ class Slices:
         left.rgba = wp.zeros((shown, shown), dtype=wp.vec4, device=self.device)
         numbers = range(count) if some is None else np.linspace(1, count - 1, some).astype(int).tolist()
         launch_in_turn(one_slice, 1, [(0,)], [scene, left], self.device)
-        start = process_time()
+        began = process_time()
         launch_in_turn(one_slice, shown * shown, [(number,) for number in numbers], [scene, left], self.device)
-        return Drawn(left.rgba.numpy(), count, (process_time() - start) / len(numbers))
+        return Drawn(left.rgba.numpy(), count, (process_time() - began) / len(numbers))

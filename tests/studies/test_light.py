@@ -49,7 +49,7 @@ def test_frame_buffer():
 def test_angelelli2017(tmp_path, monkeypatch):
     for name, value in (("DISTANCES", (0.5, 1.0, 2.0)), ("SUBSAMPLES", (1, 3)), ("FINE", 0.25)):
         monkeypatch.setattr(methods, name, value)
-    for name, value in (("SUBSAMPLES", (1,)), ("FINE", 0.25), ("KERNELS", (5, 9)), ("SCENES", ("bonsai",))):
+    for name, value in (("SUBSAMPLES", (1,)), ("KERNELS", (5, 9)), ("SCENES", ("bonsai",))):
         monkeypatch.setattr(slice_by_slice, name, value)
     with rc_context(STYLE):
         for part in angelelli2017.STUDY.parts.values():
