@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo demo-cluster test fuzz cuda lint bench studies docs clean
+.PHONY: demo demo-cluster test fuzz cuda lint bench studies docs release clean
 
 demo: .venv/ready
 	$(BIN)/python -m studies.demo
@@ -44,5 +44,18 @@ docs: .venv/docs
 	$(BIN)/python -m pip install --quiet --editable ".[dev]"
 	touch $@
 
+# The wheel is made of the sdist, and tried where nothing else is.
+release: .venv/ready
+	rm -rf build dist
+	$(BIN)/python -m pip install --quiet build twine
+	$(BIN)/python -m build --outdir dist
+	$(BIN)/python -m twine check --strict dist/*
+	$(PYTHON) -m venv build/tried
+	build/tried/bin/python -m pip install --quiet dist/*.whl
+	cd build && tried/bin/python -c "import numpy as n, wvr; a = n.indices((32,) * 3).sum(0) / 93; \
+	  i = wvr.render(wvr.Volume(a), size=(64, 64)); i.save('a.png'); \
+	  assert i.error_bound.max() <= 1 / 256; print(wvr.__version__, 'is ready')"
+	build/tried/bin/wvr --version
+
 clean:
-	rm -rf .venv build out *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv build dist out *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -14,7 +14,7 @@ import wvr
 from wvr import cli
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted(page for page in (ROOT / "docs").rglob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(page for page in (ROOT / "docs").rglob("*.md"))]
 
 
 def blocks(page: Path) -> list[str]:
@@ -147,7 +147,7 @@ def test_results_are_of_committed_code(record):
 
 def test_every_page_is_in_the_contents():
     contents = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
-    for page in PAGES[1:]:
+    for page in PAGES[2:]:
         name = page.relative_to(ROOT / "docs").with_suffix("").as_posix()
         assert name == "index" or re.search(rf"^{name}$", contents, re.M), name
 
@@ -205,3 +205,10 @@ def test_every_option_of_the_command_line_has_help():
                 names, described = [name], text
             for one in names:
                 assert re.search(rf"^{one}$", described, re.M), f"{command.__name__}: {one}"
+
+
+def test_the_version_is_one():
+    citation = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+    project = re.search(r'^version = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    assert citation and project and citation[1] == project[1] == wvr.__version__
+    assert f"## {wvr.__version__}" in (ROOT / "CHANGELOG.md").read_text()
