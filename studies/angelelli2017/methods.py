@@ -71,9 +71,14 @@ class Method:
 
 
 def reference(scene: Scene, name: str) -> wvr.Image:
-    """What a method converges to: that image itself, of slices so near that their distance does not count."""
-    if name in ("ray cast", "Phong"):
-        return Method(name, FINE / 2).render(scene)
+    """A fine image of the same method, which stripes are judged by."""
+    return (
+        Method(name, FINE / 2).render(scene) if name in ("ray cast", "Phong") else Method("PI-ICS", FINE).render(scene)
+    )
+
+
+def converged(scene: Scene) -> wvr.Image:
+    """What all slices converge to, itself: light at their front is not there yet where they are as near."""
     return Method("PI-ICS", FINE).render(scene, splitting="strang", received="traced")
 
 
