@@ -14,7 +14,7 @@ from ..transfer.function import make_transfer
 from ..transfer.rows import Rows
 from ..vectors import VECTORS
 from .packet import COLUMNS, FADING, SERIES
-from .single import CELLS, SERIES_ULPS, U
+from .single import SERIES_ULPS, U
 
 # Cells at a time.
 JOBS = 256
@@ -44,7 +44,8 @@ const float* __restrict table = rows.row.data;
 const double* __restrict knots = rows.knots.data;
 const int *__restrict seen = transfer.visible.data, *__restrict bins = rows.bins.data;
 const auto *__restrict values = transfer.value.data, *__restrict slopes = transfer.slope.data;
-int* some = which.data;
+int *some = which.data, *rays = some + which.shape[1];
+const int64_t wide = found.shape[1];
 const int outer = rows.fitted - 1, nbins = rows.bins.shape[0];
 const float bright = spend[2], share = spend[0] - (ADDED) * bright, absolute = spend[1];
 const double low = rows.low, scale = rows.scale;
@@ -253,25 +254,27 @@ while (busy) {
 // The parts of a cell one behind the other.
 int total = 0;
 for (int j = 0; j < n; ++j) {
-    const int ray = some[1 + j] / CELLS, l = some[1 + j] % CELLS;
-    float* to = found.data + 6 * ray * CELLS + l;
-    for (int i = 0; i < 6; ++i) to[i * CELLS] = 0.0f;
-    *(row.data + ray * CELLS + l) = -1;
+    const int cell = some[1 + j];
+    for (int i = 0; i < 6; ++i) found.data[i * wide + cell] = 0.0f;
+    row.data[cell] = -1;
 }
 for (int i = 0; i < number; ++i) {
     const Part& p = parts[i];
-    const int cell = some[1 + p.job], ray = cell / CELLS, l = cell % CELLS;
-    float* to = found.data + 6 * ray * CELLS + l;
-    const float T = 1.0f - to[CELLS];
+    const int cell = some[1 + p.job], ray = rays[1 + p.job];
+    float* to = found.data + cell;
+    const float T = 1.0f - to[wide];
     to[0] += p.x;
-    to[CELLS] += T * p.A;
-    to[2 * CELLS] += T * p.color[0];
-    to[3 * CELLS] += T * p.color[1];
-    to[4 * CELLS] += T * p.e;
-    to[5 * CELLS] += T * p.color[2];
-    if (p.pieces > 0.0f) *(pieces.data + ray) += (int)p.pieces;
+    to[wide] += T * p.A;
+    to[2 * wide] += T * p.color[0];
+    to[3 * wide] += T * p.color[1];
+    to[4 * wide] += T * p.e;
+    to[5 * wide] += T * p.color[2];
+    if (p.pieces > 0.0f) pieces.data[ray] += (int)p.pieces;
     // What is left to others, each once.
-    if (p.pieces < 0.0f && (total == 0 || some[total] != cell)) some[++total] = cell;
+    if (p.pieces < 0.0f && (total == 0 || some[total] != cell)) {
+        some[++total] = cell;
+        rays[total] = ray;
+    }
 }
 some[0] = total;
 """
@@ -281,8 +284,8 @@ some[0] = total;
 def make_crossings():
     """``cut(rows, transfer, spend, cubic, which, found, row, pieces)``.
 
-    ``which`` has how many cells, and which they are, counted through all rays': in the end, those that are left to
-    others. ``cubic`` (5, JOBS) is as of ``field.cubics.make_centered``; ``rows``, ``spend``, ``found`` and ``row`` are
+    ``which`` (2, n) has how many cells and which they are, and behind that their rays: in the end, of those that are
+    left to others. ``cubic`` (5, JOBS) is as of ``field.cubics.make_centered``; ``rows``, ``spend``, ``found`` and ``row`` are
     as of ``single``, where it puts what they are; ``pieces`` counts those of each ray.
     """
     Transfer, _, _ = make_transfer(wp.float64)
@@ -296,7 +299,7 @@ def make_crossings():
     }
     for name, value in numbers.items():
         text = text.replace(name, f"{value!r}f")
-    for name, value in {"RIPPLE": RIPPLE, "CLOSE": CLOSE, "STEPS": STEPS, "JOBS": JOBS, "CELLS": CELLS}.items():
+    for name, value in {"RIPPLE": RIPPLE, "CLOSE": CLOSE, "STEPS": STEPS, "JOBS": JOBS}.items():
         text = text.replace(name, repr(value))
 
     @wp.func_native(VECTORS + FADING + SERIES + COLUMNS + text)
@@ -305,9 +308,9 @@ def make_crossings():
         transfer: Transfer,
         spend: wp.vec3,
         cubic: wp.array2d(dtype=wp.float64),
-        which: wp.array(dtype=int),
-        found: wp.array3d(dtype=wp.float32),
-        row: wp.array2d(dtype=int),
+        which: wp.array2d(dtype=int),
+        found: wp.array2d(dtype=wp.float32),
+        row: wp.array(dtype=int),
         pieces: wp.array(dtype=int),
     ): ...
 
