@@ -285,8 +285,8 @@ def make_crossings():
     """``cut(rows, transfer, spend, cubic, which, found, row, pieces)``.
 
     ``which`` (2, n) has how many cells and which they are, and behind that their rays: in the end, of those that are
-    left to others. ``cubic`` (5, JOBS) is as of ``field.cubics.make_centered``; ``rows``, ``spend``, ``found`` and ``row`` are
-    as of ``single``, where it puts what they are; ``pieces`` counts those of each ray.
+    left to others. ``cubic`` (5, JOBS) is as of ``field.cubics.make_centered``; ``rows``, ``spend``, ``found`` and
+    ``row`` are as of ``single``, where it puts what they are; ``pieces`` counts those of each ray.
     """
     Transfer, _, _ = make_transfer(wp.float64)
     text = PARTS + CROSSINGS

@@ -52,9 +52,9 @@ def make_single():
 
     ``spend`` is what a cell may be off by, in parts of its opacity and of its length, and the brightest colour.
     ``found`` has depth, opacity, V, off and the bound of each cell, infinite where no row will do; ``row`` its row, or
-    ``-2 - row`` for one that is left to others, and -1 for one that those put there: its colour is in place
-    of V and off, and in the last row. ``sums`` are colour, opacity and bound of rays, and ``some`` a ray, of whose cells
-    the first and the end: ``compose`` puts them behind what there is, ``LANES`` at a time, as long as transparency is
+    ``-2 - row`` for one that is left to others, and -1 for one that those put there: its colour is in place of V and
+    off, and in the last row. ``sums`` are colour, opacity and bound of rays, and ``some`` a ray, of whose cells the
+    first and the end: ``compose`` puts them behind what there is, ``LANES`` at a time, as long as transparency is
     ``clear`` or more, up to the first lanes with a cell that is left to others.
     """
     real = wp.float32
