@@ -196,17 +196,20 @@ for (int j = 0; j < n; j += 8) {
     *(vd*)(to + 2 * room) = h * h * (d0 * (d1 * xy + d2 * xz) + d1 * (d2 * yz));
     *(vd*)(to + 3 * room) = h * h * h * (d0 * d1 * d2 * xyz);
     *(vd*)(to + 4 * room) = h;
+    vd low = CORNER(0), high = low;
+    for (int m = 1; m < 8; ++m) low = MIN(low, CORNER(m)), high = MAX(high, CORNER(m));
+    *(vd*)(to + 5 * room) = high > low ? ulps[0] * MAX(high, -low) + ulps[1] * (high - low) : (vd){};
 }
 """
 
 
 @cache
 def make_centered(dtype):
-    """``centered(field, lines, cells, times, which, cubic)``: ``cell.make_centered`` of cells of several rays.
+    """``centered(field, lines, cells, times, which, ulps, cubic)``: ``cell.make_centered`` of cells of several rays.
     ``which`` (2, n) has how many and which they are, and behind that their rays; ``lines`` have the rays' origins and
-    directions.
+    directions; ``ulps`` is what the scalar is off by in parts of the largest corner and of the range of a cell.
 
-    Rows of ``cubic`` (5, a multiple of eight) are the four coefficients and half the length.
+    Rows of ``cubic`` (6, a multiple of eight) are the four coefficients, half the length and what the scalar is off by.
     """
     Field = make_samples(dtype)
     shifted = "- field.shift" if dtype in (wp.float16, wp.float32, wp.float64) else ""
@@ -218,6 +221,7 @@ def make_centered(dtype):
         cells: wp.array(dtype=wp.uint64),
         times: wp.array2d(dtype=wp.float64),
         which: wp.array2d(dtype=int),
+        ulps: wp.vec2d,
         cubic: wp.array2d(dtype=wp.float64),
     ): ...
 

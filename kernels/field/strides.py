@@ -1,6 +1,6 @@
 """The walk of ``walk`` in whole numbers: times along a ray are fractions of it, so that a step is a few additions.
 
-A stretch of ray is 2^49 to 2^50 ticks long, a tick a power of two. What rounding to ticks adds up to over a grid of n
+A stretch of ray is 2^52 to 2^53 ticks long, a tick a power of two. What rounding to ticks adds up to over a grid of n
 cells along all axes together is less than 2 n of them. Where a cell is taken to end so much too early or too late, the
 next begins there: the field has no jumps, so what a ray sees changes by that squared (docs/proof-single.md, S12). A
 stretch ends ``4 n`` ticks early, in its last cell, so that no index is ever beyond the grid.
@@ -80,11 +80,11 @@ for (int a = 0; a < 3; ++a) {
 }
 const double length = last_out - start;
 if (!(length > 0.0)) return false;
-// The power of two that makes the length 2^49 ticks or more, by its exponent.
+// The power of two that makes the length 2^52 ticks or more, by its exponent.
 int64_t bits;
 __builtin_memcpy(&bits, &length, 8);
 const int64_t exponent = (bits >> 52) & 0x7ff;
-bits = (2046 + 49 - (exponent > 100 ? exponent : 100)) << 52;
+bits = (2046 + 52 - (exponent > 100 ? exponent : 100)) << 52;
 double scale;
 __builtin_memcpy(&scale, &bits, 8);
 typedef int64_t word __attribute__((may_alias));

@@ -14,6 +14,7 @@ from ..transfer.function import make_transfer
 from ..transfer.rows import Rows
 from ..vectors import VECTORS
 from .packet import COLUMNS, FADING, SERIES
+from .pieces import VALUE
 from .single import SERIES_ULPS, U
 
 # Cells at a time.
@@ -38,6 +39,7 @@ struct Part {
     double m0, m1, m2, m3, h, begin, end;  // a cubic in v from -1 to 1, half the length, the scalar at its ends
     int first, last, job;  // the first and the last interval, and the cell
     bool inside;  // it ends in the last
+    float blur;  // rounding of the scalar
     float x, A, color[3], e, pieces;
 };
 const float* __restrict table = rows.row.data;
@@ -58,11 +60,14 @@ auto interval = [&](double s) -> int {
     return k;
 };
 Part parts[3 * JOBS];
+float unseen[JOBS];  // bounds on what is not visited
 int number = 0;
 const int n = some[0];
 const double* of = cubic.data;
 for (int j = 0; j < n; ++j) {
     const double m0 = of[j], m1 = of[JOBS + j], m2 = of[2 * JOBS + j], m3 = of[3 * JOBS + j], half = of[4 * JOBS + j];
+    const float blur = (float)of[5 * JOBS + j];
+    unseen[j] = 0.0f;
     if (!(fabs(m0) + fabs(m1) + fabs(m2) + fabs(m3) < 1e300)) continue;
     double turn[3];
     int turns = 0;
@@ -95,8 +100,18 @@ for (int j = 0; j < n; ++j) {
         const int a = interval(p.begin), b = interval(p.end), s = p.end > p.begin ? 1 : -1;
         int first = a, last = b;
         while (s * (b - first) >= 0 && seen[first] != first) first += s;
-        if (s * (b - first) < 0) continue;
-        while (seen[last] != last) last -= s;
+        p.blur = blur;
+        if (s * (b - first) < 0) {
+            // Nothing but what rounding of the scalar takes beyond where it begins and ends; of which a jump is walked.
+            const float slope = MAX(table[16 * a + 11], table[16 * b + 11]);
+            if (blur == 0.0f) continue;
+            if (slope < __builtin_inff()) {
+                unseen[j] += 2.0f * bright * (float)(w * half) * blur * slope;
+                continue;
+            }
+            first = last = table[16 * a + 11] < slope ? b : a;
+        } else
+            while (seen[last] != last) last -= s;
         p.first = first == a ? a : first - s;
         p.last = last;
         p.inside = last == b;
@@ -109,7 +124,7 @@ CROSSINGS = """
 // Sixteen of them at a time: where each has got to, how far it may go at once, and what it has come to.
 alignas(64) double m[4][16] = {}, half[16] = {}, begin[16] = {}, end[16] = {}, sign[16], at[16], room[16], off_knot[16];
 alignas(64) double sum[5][16];
-alignas(64) float error[16], pieces_of[16];
+alignas(64) float error[16], pieces_of[16], blur[16] = {};
 alignas(64) int k[16] = {}, last[16] = {}, inside[16] = {}, steps[16], part[16];
 int next = 0, busy = 0;
 auto take = [&](int l) {
@@ -122,6 +137,7 @@ auto take = [&](int l) {
     m[0][l] = used * p.m0; m[1][l] = used * p.m1; m[2][l] = used * p.m2; m[3][l] = used * p.m3;
     half[l] = used * p.h; begin[l] = used * p.begin; end[l] = used * p.end;
     sign[l] = p.end > p.begin ? 1.0 : -1.0;
+    blur[l] = idle ? 0.0f : p.blur;
     at[l] = -1.0; room[l] = 2.0; off_knot[l] = 0.0;
     k[l] = p.first; last[l] = idle ? p.first : p.last; inside[l] = -(int)(idle | p.inside); steps[l] = 0;
     for (int i = 0; i < 5; ++i) sum[i][l] = 0.0;
@@ -184,7 +200,8 @@ while (busy) {
         NARROW(8, w * HALF(half) * HALF(rate));
     }
 #define WHOLE(i) JOIN(n8[i][0], n8[i][1])
-    const vf m1 = WHOLE(0), m2 = WHOLE(1), m3 = WHOLE(2), h = WHOLE(3), off = WHOLE(4), astray = WHOLE(5);
+    const vf m1 = WHOLE(0), m2 = WHOLE(1), m3 = WHOLE(2), h = WHOLE(3), off = WHOLE(4);
+    const vf rounded = *(const vf*)blur, astray = WHOLE(5) + rounded;
     const vf steep = c[7], L = h + h, R = ABS(m1) + ABS(m2) * (2.0f / 3) + ABS(m3);
     const vf ww = m1 * (m1 * (2.0f / 3) + m3 * 0.8f) + m2 * m2 * (8.0f / 45) + m3 * m3 * (2.0f / 7);
     const vf line = WHOLE(7), x = MAX(line, zero), g = WHOLE(8);
@@ -193,7 +210,8 @@ while (busy) {
     const vf a = 0.5f * x, G = ABS(g) * R;
     const vf closer = R * G * (a * (a + G) + G * G) * 0.33334f + a * a * a * (0.0889f * ABS(m2) + 0.08334f * R * a);
     // What it is off by (S13, S14).
-    const vf delta = (ABS(off) + R) * (ROUNDED), over = astray * color[3];
+    const vf delta = (ABS(off) + R) * (ROUNDED) + rounded;
+    const vf over = astray * color[3] + (VALUE) * (ABS(c[2]) + ABS(c[3]) * c[1]);
     const vf d = line < 0.0f ? over + over : over;
     const vf e = 1.00001f * ((bright + 3.3f * steep * R) * (L * d) + bright * WHOLE(6) * over
         + thin.A * (bright * (OPACITY_ULPS) + c[6] + steep * delta + astray * color[7])
@@ -255,7 +273,7 @@ while (busy) {
 int total = 0;
 for (int j = 0; j < n; ++j) {
     const int cell = some[1 + j];
-    for (int i = 0; i < 6; ++i) found.data[i * wide + cell] = 0.0f;
+    for (int i = 0; i < 6; ++i) found.data[i * wide + cell] = i == 4 ? unseen[j] : 0.0f;
     row.data[cell] = -1;
 }
 for (int i = 0; i < number; ++i) {
@@ -285,7 +303,7 @@ def make_crossings():
     """``cut(rows, transfer, spend, cubic, which, found, row, pieces)``.
 
     ``which`` (2, n) has how many cells and which they are, and behind that their rays: in the end, of those that are
-    left to others. ``cubic`` (5, JOBS) is as of ``field.cubics.make_centered``; ``rows``, ``spend``, ``found`` and
+    left to others. ``cubic`` (6, JOBS) is as of ``field.cubics.make_centered``; ``rows``, ``spend``, ``found`` and
     ``row`` are as of ``single``, where it puts what they are; ``pieces`` counts those of each ray.
     """
     Transfer, _, _ = make_transfer(wp.float64)
@@ -296,6 +314,7 @@ def make_crossings():
         "ROUNDED": ROUNDED,
         "ADDED": ADDED,
         "LITTLE": LITTLE,
+        "VALUE": VALUE,
     }
     for name, value in numbers.items():
         text = text.replace(name, f"{value!r}f")

@@ -124,13 +124,11 @@ def make_rays(halves, rays):
     placed = make_placed(halves.vectors)
     cubics = halves.field.cubics(halves.vectors, CELLS)
     measure, compose, failing = make_packet() if halves.vectors else make_single()
-    # What rounding does to a scalar beside jumps and on steep slopes is counted in double precision only.
-    lanes = halves.vectors and not sharp
     centered = halves.field.centered_of()
     cut = make_crossings()
     room = rays * CELLS + LANES
 
-    sizes = (8 * STATE * rays, 8 * room, 16 * room, 28 * room, 24 * room, 4 * room, 28 * CELLS, 8 + 8 * JOBS, 40 * JOBS)
+    sizes = (8 * STATE * rays, 8 * room, 16 * room, 28 * room, 24 * room, 4 * room, 28 * CELLS, 8 + 8 * JOBS, 48 * JOBS)
     at = wp.constant(wp.types.vector(len(sizes), int)(*(sum(sizes[:n]) for n in range(len(sizes)))))
     assert sum(sizes) <= SCRATCH
 
@@ -147,7 +145,7 @@ def make_rays(halves, rays):
         cubic = wp.array(ptr=scene.march.scratch + wp.uint64(at[6]), shape=(7, CELLS), dtype=wp.float32)
         # And those that are cut.
         which = wp.array(ptr=scene.march.scratch + wp.uint64(at[7]), shape=(2, 1 + JOBS), dtype=int)
-        middle = wp.array(ptr=scene.march.scratch + wp.uint64(at[8]), shape=(5, JOBS), dtype=real)
+        middle = wp.array(ptr=scene.march.scratch + wp.uint64(at[8]), shape=(6, JOBS), dtype=real)
         # Of each ray what it comes to, whether it goes on, which of its cells are next, and what it counts.
         sums = wp.zeros(shape=(rays, 5), dtype=real)
         going = wp.zeros(shape=(rays,), dtype=int)
@@ -157,7 +155,10 @@ def make_rays(halves, rays):
         spend = wp.vec3(wp.float32(scene.march.cell), wp.float32(scene.march.along), wp.float32(scene.march.brightest))
         # Further than what single precision has room for (S1): all is in double, which counts it.
         astray = bool(False)
+        # Rounding of a scalar, and that of the place that it is taken at, where it does not count for the ray as a whole.
+        ulps = wp.vec2d()
         if wp.static(sharp):
+            ulps = wp.vec2d(scene.march.ulps[0], scene.march.ulps[1] + real(3.0) * scene.view.astray)
             astray = scene.view.astray > real(ASTRAY)
         last = int(rays)
         pairs = (last + 1) // 2
@@ -232,9 +233,9 @@ def make_rays(halves, rays):
                     counts[r] = counts[r] + n - begins[r]
                     begins[r] = n
                 which[0, 0] = m
-                if wp.static(lanes):
+                if wp.static(halves.vectors):
                     if m > 0:
-                        centered(scene.field, lines, cells, times, which, middle)
+                        centered(scene.field, lines, cells, times, which, ulps, middle)
                         cut(scene.march.rows, scene.transfer, spend, middle, which, found, row, counts)
                 for i in range(which[0, 0]):
                     l = which[0, i + 1]

@@ -246,8 +246,8 @@ def cut_cells(tf, cubic, spend, flags):
     struct.knots = transfer.knot
     for name, value in numbers.items():
         setattr(struct, name, value)
-    given = np.zeros((5, JOBS))
-    given[:, :n] = cubic
+    given = np.zeros((6, JOBS))
+    given[: len(cubic), :n] = cubic
     # Behind each other in rays of their own.
     which = np.zeros((2, n + 1))
     which[:, 1:] = np.arange(n)[::-1], np.arange(n)[::-1] // CELLS
@@ -440,7 +440,7 @@ def test_ticks_are_the_walk_to_rounding(shape):
     one, other = (
         walked(make, masks, kinds, shape, origins, directions, ends) for make in (make_gathered, make_strides)
     )
-    ticks = 8 * sum(shape) * 2.0**-49
+    ticks = 8 * sum(shape) * 2.0**-52
     checked = 0
     for ray in range(n):
         a, b = (
