@@ -22,7 +22,7 @@ JOBS = 256
 # Rounding of a scalar on a part, of how it is evaluated and of where it turns, in parts of its coefficients (S13).
 RIPPLE = 2.0**-46
 # Newton's method ends where a residual is so little, in parts of the scalars of a part.
-CLOSE = 1e-9
+CLOSE = 1e-11
 # Rounding of a piece's numbers to single precision (S14), and of what a part comes to, in parts of its opacity (S15).
 ROUNDED = 2 * U
 ADDED = 64 * U
