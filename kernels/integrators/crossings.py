@@ -100,19 +100,24 @@ for (int j = 0; j < n; ++j) {
         const int a = interval(p.begin), b = interval(p.end), s = p.end > p.begin ? 1 : -1;
         int first = a, last = b;
         while (s * (b - first) >= 0 && seen[first] != first) first += s;
-        p.blur = blur;
+        // Whether an interval without anything to see is to be visited: what rounding takes beyond it counts, if it can.
+        auto missed = [&](int k) -> bool {
+            const float slope = table[16 * k + 11];
+            if (blur > 0.0f && slope < __builtin_inff()) unseen[j] += 2.0f * bright * (float)(w * half) * blur * slope;
+            return blur > 0.0f && !(slope < __builtin_inff());
+        };
         if (s * (b - first) < 0) {
-            // Nothing but what rounding of the scalar takes beyond where it begins and ends; of which a jump is walked.
-            const float slope = MAX(table[16 * a + 11], table[16 * b + 11]);
-            if (blur == 0.0f) continue;
-            if (slope < __builtin_inff()) {
-                unseen[j] += 2.0f * bright * (float)(w * half) * blur * slope;
-                continue;
-            }
-            first = last = table[16 * a + 11] < slope ? b : a;
-        } else
+            const bool before = missed(a), behind = missed(b);
+            if (!before && !behind) continue;
+            first = last = before ? a : b;
+        } else {
             while (seen[last] != last) last -= s;
-        p.first = first == a ? a : first - s;
+            first = first == a ? a : first - s;
+            if (first != a && missed(a)) first = a;
+            if (last != b && missed(b)) last = b;
+        }
+        p.blur = blur;
+        p.first = first;
         p.last = last;
         p.inside = last == b;
         ++number;

@@ -153,9 +153,9 @@ def make_rays(halves, rays):
         ends = wp.zeros(shape=(rays,), dtype=int)
         counts = wp.zeros(shape=(rays,), dtype=int)
         spend = wp.vec3(wp.float32(scene.march.cell), wp.float32(scene.march.along), wp.float32(scene.march.brightest))
-        # Further than what single precision has room for (S1): all is in double, which counts it.
+        # Further than what single precision has room for (S1): all is cut or in double, which counts it.
         astray = bool(False)
-        # Rounding of a scalar, and that of the place that it is taken at, where it does not count for the ray as a whole.
+        # Rounding of a scalar and of the place that it is taken at, where it does not count for the ray as a whole.
         ulps = wp.vec2d()
         if wp.static(sharp):
             ulps = wp.vec2d(scene.march.ulps[0], scene.march.ulps[1] + real(3.0) * scene.view.astray)
