@@ -100,7 +100,7 @@ for (int j = 0; j < n; ++j) {
         const int a = interval(p.begin), b = interval(p.end), s = p.end > p.begin ? 1 : -1;
         int first = a, last = b;
         while (s * (b - first) >= 0 && seen[first] != first) first += s;
-        // Whether an interval without anything to see is to be visited: what rounding takes beyond it counts, if it can.
+        // Whether an interval with nothing to see is to be visited: what rounding takes beyond it counts, if it can.
         auto missed = [&](int k) -> bool {
             const float slope = table[16 * k + 11];
             if (blur > 0.0f && slope < __builtin_inff()) unseen[j] += 2.0f * bright * (float)(w * half) * blur * slope;
