@@ -161,9 +161,10 @@ while (busy) {
 #define HALF(a) (*(const vd*)(a + 8 * b))
 #define HALF_OF(a) (*(vd*)(a + 8 * b))
 #define MASK(a) __builtin_convertvector(*(const v8i*)((const int*)&a + 8 * b), vq)
+#define EACH for (int b = 0; b < 2; ++b)
     const vi on_last = *(const vi*)k == *(const vi*)last, ends = on_last & *(const vi*)inside;
     vd v[2], F[2], stop[2];
-    for (int b = 0; b < 2; ++b) {
+    EACH {
         // From a parabola that has the slope at the start, and both ends.
         const vd a = HALF(begin), s1 = HALF(m[1]) - 2.0 * HALF(m[2]) + 3.0 * HALF(m[3]);
         const vd rise = HALF(exit) - a, square = s1 * s1 + (HALF(end) - a - 2.0 * s1) * rise;
@@ -171,29 +172,29 @@ while (busy) {
         v[b] = MASK(ends) ? (vd){} + 1.0 : MIN(MAX(2.0 * rise / slope - 1.0, HALF(at)), (vd){} + 1.0);
     }
     for (int i = 0;; ++i) {
-        vq far[2];
-        for (int b = 0; b < 2; ++b) {
+        vq far[2], any = {};
+        EACH {
             const vd m1 = HALF(m[1]), m2 = HALF(m[2]), m3 = HALF(m[3]);
             F[b] = MASK(ends) ? (vd){} : (HALF(m[0]) - HALF(exit)) + v[b] * (m1 + v[b] * (m2 + v[b] * m3));
-            far[b] = ABSD(F[b]) > CLOSE * ABSD(HALF(end) - HALF(begin));
+            any |= far[b] = ABSD(F[b]) > CLOSE * ABSD(HALF(end) - HALF(begin));
         }
-        if (!__builtin_reduce_or(far[0] | far[1]) || i == 6) break;
-        for (int b = 0; b < 2; ++b) {
+        if (!__builtin_reduce_or(any) || i == 6) break;
+        EACH {
             const vd slope = HALF(m[1]) + v[b] * (2.0 * HALF(m[2]) + v[b] * (3.0 * HALF(m[3])));
             v[b] = far[b] ? MIN(MAX(v[b] - F[b] / slope, HALF(at)), (vd){} + 1.0) : v[b];
         }
     }
     // The piece up to there, or as far as the lane may go.
+    alignas(64) float n[9][16], most[16], worst[16];
     vf c[8], color[8];
     columns(table, k, c);
     columns(table + 8, k, color);
-    v8f n8[9][2];
-    for (int b = 0; b < 2; ++b) {
+    EACH {
         const vd m1 = HALF(m[1]), m2 = HALF(m[2]), m3 = HALF(m[3]), from = HALF(at);
         stop[b] = MIN(v[b], from + HALF(room));
         const vd w = 0.5 * (stop[b] - from), mid = 0.5 * (stop[b] + from), bend = m2 + 3.0 * mid * m3;
         const vd n2 = w * w * bend, mean = HALF(m[0]) + mid * (m1 + mid * (m2 + mid * m3)) + n2 * (1.0 / 3);
-#define NARROW(i, a) n8[i][b] = __builtin_convertvector(a, v8f)
+#define NARROW(i, a) *(v8f*)(n[i] + 8 * b) = __builtin_convertvector(a, v8f)
         NARROW(0, w * (m1 + mid * (m2 + bend)));
         NARROW(1, n2);
         NARROW(2, w * w * w * m3);
@@ -204,15 +205,15 @@ while (busy) {
         NARROW(7, 2.0 * w * HALF(half) * (HALF(value) + (mean - HALF(knot)) * HALF(rate)));
         NARROW(8, w * HALF(half) * HALF(rate));
     }
-#define WHOLE(i) JOIN(n8[i][0], n8[i][1])
+#define WHOLE(i) (*(const vf*)n[i])
     const vf m1 = WHOLE(0), m2 = WHOLE(1), m3 = WHOLE(2), h = WHOLE(3), off = WHOLE(4);
     const vf rounded = *(const vf*)blur, astray = WHOLE(5) + rounded;
     const vf steep = c[7], L = h + h, R = ABS(m1) + ABS(m2) * (2.0f / 3) + ABS(m3);
     const vf ww = m1 * (m1 * (2.0f / 3) + m3 * 0.8f) + m2 * m2 * (8.0f / 45) + m3 * m3 * (2.0f / 7);
-    const vf line = WHOLE(7), x = MAX(line, zero), g = WHOLE(8);
-    const Thin thin = series(m1, m2, m3, ww, x, g);
+    const vf line = WHOLE(7), x = MAX(line, zero), slope = WHOLE(8);
+    const Thin thin = series(m1, m2, m3, ww, x, slope);
     // What the series leaves out: by theorem 2 or theorem 3 of the proof.
-    const vf a = 0.5f * x, G = ABS(g) * R;
+    const vf a = 0.5f * x, G = ABS(slope) * R;
     const vf closer = R * G * (a * (a + G) + G * G) * 0.33334f + a * a * a * (0.0889f * ABS(m2) + 0.08334f * R * a);
     // What it is off by (S13, S14).
     const vf delta = (ABS(off) + R) * (ROUNDED) + rounded;
@@ -221,15 +222,15 @@ while (busy) {
     const vf e = 1.00001f * ((bright + 3.3f * steep * R) * (L * d) + bright * WHOLE(6) * over
         + thin.A * (bright * (OPACITY_ULPS) + c[6] + steep * delta + astray * color[7])
         + steep * (MIN(R * thin.rest, closer) + (SERIES_ULPS) * R * (G + a)));
-    const vf most = share * thin.A + absolute * L + (LITTLE) * bright;
-    const vi good = (e <= most) & (astray <= rows.narrow);
+    *(vf*)most = share * thin.A + absolute * L + (LITTLE) * bright;
+    *(vf*)worst = e;
+    const vi good = (e <= *(const vf*)most) & (astray <= rows.narrow);
     // Behind what there is of the part (S15).
     auto add = [&](int i, vf a) {
-        for (int b = 0; b < 2; ++b)
-            HALF_OF(sum[i]) += __builtin_convertvector(*(const v8f*)((const float*)&a + 8 * b), vd);
+        EACH HALF_OF(sum[i]) += __builtin_convertvector(*(const v8f*)((const float*)&a + 8 * b), vd);
     };
     v8f front[2];
-    for (int b = 0; b < 2; ++b) front[b] = __builtin_convertvector(HALF(sum[0]), v8f);
+    EACH front[b] = __builtin_convertvector(HALF(sum[0]), v8f);
     const vf T = fading(JOIN(front[0], front[1])), TA = good ? T * thin.A : zero;
     const vf TV = good ? T * thin.V + TA * off : zero;
     add(0, good ? x : zero);
@@ -238,24 +239,20 @@ while (busy) {
     *(vf*)error += good ? T * e : zero;
     *(vf*)pieces_of += good ? zero + 1.0f : zero;
     // On to the next interval, or the next step in this one.
-    vi reached;
-    for (int b = 0; b < 2; ++b)
-        *(v8i*)((int*)&reached + 8 * b) = __builtin_convertvector(stop[b] == v[b], v8i);
-    reached &= good;
-    for (int b = 0; b < 2; ++b) {
-        HALF_OF(at) = MASK(good) ? stop[b] : HALF(at);
-        HALF_OF(off_knot) = MASK(reached) ? ABSD(F[b]) : MASK(good) ? (vd){} : HALF(off_knot);
-        HALF_OF(room) = MASK(reached) ? (vd){} + 2.0 : HALF(room);
+    alignas(64) int on[16];
+    EACH {
+        const vq fine = MASK(good), reached = (stop[b] == v[b]) & fine;
+        HALF_OF(at) = fine ? stop[b] : HALF(at);
+        HALF_OF(off_knot) = reached ? ABSD(F[b]) : fine ? (vd){} : HALF(off_knot);
+        HALF_OF(room) = reached ? (vd){} + 2.0 : HALF(room);
+        *(v8i*)(on + 8 * b) = __builtin_convertvector(reached, v8i);
+        const vq way = __builtin_convertvector(HALF(sign), vq) & ~MASK(on_last);
+        *(v8i*)(k + 8 * b) += __builtin_convertvector(reached & way, v8i);
     }
     *(vi*)steps += 1;
-    const vi done = reached & on_last, stuck = ~good | (*(vi*)steps > STEPS);
-    alignas(64) int turn[16];
-    for (int b = 0; b < 2; ++b)
-        *(v8i*)(turn + 8 * b) = __builtin_convertvector(HALF(sign), v8i);
-    *(vi*)k += reached & ~done & *(vi*)turn;
-    if (!__builtin_reduce_or(done | stuck)) continue;
-    for (int l = 0; l < 16; ++l) {
-        if (!(done[l] | stuck[l]) || part[l] < 0) continue;
+    const vi done = *(const vi*)on & on_last, stuck = ~good | (*(const vi*)steps > STEPS);
+    for (unsigned some = bits((done | stuck) & (*(const vi*)part >= 0)); some; some &= some - 1) {
+        const int l = __builtin_ctz(some);
         Part& p = parts[part[l]];
         if (done[l]) {
             p.x = (float)sum[0][l]; p.A = (float)sum[1][l]; p.pieces = pieces_of[l];
@@ -263,7 +260,7 @@ while (busy) {
             p.e = error[l] + bright * (ADDED) * p.A;
         } else {
             // So much of it that it will do, or it is left to others.
-            const float part_of = 0.9f * cbrtf(most[l] / e[l]);
+            const float part_of = 0.9f * cbrtf(most[l] / worst[l]);
             if (steps[l] <= STEPS && part_of > 1.0f / 64) {
                 room[l] = part_of * (stop[l >> 3][l & 7] - at[l]);
                 continue;
@@ -278,8 +275,9 @@ while (busy) {
 int total = 0;
 for (int j = 0; j < n; ++j) {
     const int cell = some[1 + j];
-    for (int i = 0; i < 6; ++i) found.data[i * wide + cell] = i == 4 ? unseen[j] : 0.0f;
-    row.data[cell] = -1;
+    float* to = found.data + cell;
+    for (int i = 0; i < 6; ++i) to[i * wide] = i == 4 ? unseen[j] : 0.0f;
+    *(row.data + cell) = -1;
 }
 for (int i = 0; i < number; ++i) {
     const Part& p = parts[i];
@@ -292,7 +290,7 @@ for (int i = 0; i < number; ++i) {
     to[3 * wide] += T * p.color[1];
     to[4 * wide] += T * p.e;
     to[5 * wide] += T * p.color[2];
-    if (p.pieces > 0.0f) pieces.data[ray] += (int)p.pieces;
+    if (p.pieces > 0.0f) *(pieces.data + ray) += (int)p.pieces;
     // What is left to others, each once.
     if (p.pieces < 0.0f && (total == 0 || some[total] != cell)) {
         some[++total] = cell;
