@@ -54,7 +54,7 @@ class Renderer:
     Parameters
     ----------
     volume, transfer_function
-        What to render.
+        What to render; with a segmentation a transfer function is not used.
     integrator, tolerance
         One of them; by default the tolerance is 1/512. See :func:`render`.
     lighting
@@ -80,7 +80,7 @@ class Renderer:
     def __init__(
         self,
         volume: Field,
-        transfer_function: TransferFunction | None,
+        transfer_function: TransferFunction | None = None,
         *,
         integrator: Integrator | None = None,
         tolerance: float | None = None,
