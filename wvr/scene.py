@@ -267,4 +267,4 @@ def _function_for(value: Any) -> str:
 def _described(value: Any) -> str:
     if isinstance(value, type):
         return f"the class {value.__name__}: say {value.__name__}(...)"
-    return repr(value) if isinstance(value, str | int | float) else type(value).__name__
+    return repr(value) if isinstance(value, str | int | float | None) else type(value).__name__
