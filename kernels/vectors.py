@@ -14,6 +14,12 @@ typedef double vd __attribute__((vector_size(64), aligned(8)));
 typedef long long vq __attribute__((vector_size(64), aligned(8)));
 typedef bool b16 __attribute__((ext_vector_type(16)));
 const vf zero = {};
+auto bits = [](vi a) -> unsigned {
+    const auto one = __builtin_convertvector(a != 0, b16);
+    uint16_t all;
+    __builtin_memcpy(&all, &one, 2);
+    return all;
+};
 #define MAX __builtin_elementwise_max
 #define MIN __builtin_elementwise_min
 #define ABS(a) ((vf)((vi)(a) & 0x7fffffff))

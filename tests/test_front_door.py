@@ -14,6 +14,7 @@ from PIL import Image as PillowImage
 import wvr
 from wvr.keywords import ELSEWHERE, MovieOptions, Options
 
+CAMERA = wvr.Camera((40, 30, 20), (8, 8, 8))
 FAST = {"size": (16, 12), "integrator": wvr.Riemann(1.0)}
 
 
@@ -114,6 +115,12 @@ def test_keywords_of_other_libraries_say_what_to_write(grid, keyword):
         (lambda v: wvr.render(pv.MultiBlock([v.to_pyvista()])), "pass one of them, such as data[0]"),
         (lambda v: wvr.render(pv.Sphere()), "a surface has none"),
         (lambda v: wvr.render("sphers"), "did you mean the dataset 'spheres'?"),
+        (lambda v: wvr.view(v, size=(8, 8)), "view has no keyword 'size'; a viewer is as large as its window"),
+        (lambda v: wvr.Renderer(v.numpy(), "viridis").render(CAMERA), "got ndarray: volume = wvr.as_volume(data)"),
+        (lambda v: wvr.Renderer(v, "viridis").render(CAMERA), "from_colormap('viridis', volume.range) makes one"),
+        (lambda v: wvr.Renderer(v).render(CAMERA), "got None: wvr.presets.suggest(volume) has some"),
+        (lambda v: wvr.Projection("maximum"), "did you mean 'max'?"),
+        (lambda v: wvr.Projection("average"), "what must be 'mean' for the average"),
         (lambda v: wvr.Volume(v.to_pyvista()), "wvr.as_volume takes it"),
         (lambda v: wvr.Volume("a.nrrd"), "wvr.read reads files"),
         (lambda v: wvr.Volume(np.zeros((3, 3, 3), bool)), "cast it to uint8"),

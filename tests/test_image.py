@@ -376,4 +376,7 @@ def test_an_image_says_how_wrong_it_is():
     pixels, samples = np.zeros((2, 3, 4), np.float32), np.zeros((2, 3), np.int32)
     assert "errors" not in repr(Image(pixels, samples))
     bounded = Image(pixels, samples, np.full((2, 3), 0.00125, np.float32))
-    assert repr(bounded) == "Image(3 x 2, 0 samples, errors up to 0.0013)"
+    assert repr(bounded) == "Image(3 x 2, errors up to 0.0013, 0 samples)"
+    asked = {"integrator": "Certified(tolerance=0.002)", "bound_covers": "opacity, not the lighting"}
+    lit = repr(Image(pixels, samples, bounded.error_bound, asked))
+    assert lit == "Image(3 x 2, Certified(tolerance=0.002), errors up to 0.0013 but for light, 0 samples)"

@@ -1,8 +1,10 @@
 """Threads and devices: settings, what is refused, and that strips cover all items once."""
 
 import itertools
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ import wvr
 from wvr.launch import get_device, launch, launch_in_turn
 
 CPU = get_device("cpu")
+ROOT = Path(__file__).parents[1]
 
 
 @wp.kernel(enable_backward=False)
@@ -114,7 +117,9 @@ def test_import_starts_and_prints_nothing():
         "import wvr, warp, sys; assert warp._src.context.runtime is None;"
         "assert not {'vtk', 'pyvista', 'matplotlib'} & set(sys.modules)"
     )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    # In a checkout, which need not be installed.
+    there = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, [ROOT, *sys.path]))}
+    run = subprocess.run([sys.executable, "-S", "-c", code], capture_output=True, text=True, env=there, cwd=ROOT)
     assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
 
 

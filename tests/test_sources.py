@@ -74,6 +74,11 @@ def test_nothing_is_said_of_ordinary_arrays(recwarn):
     assert not recwarn
 
 
+def test_nothing_is_said_where_axes_are_given(recwarn):
+    wvr.as_volume(np.asfortranarray(np.zeros((4, 4, 3))), axes="zyx")
+    assert not recwarn
+
+
 def test_masked_samples_are_transparent():
     masked = np.ma.masked_equal(SAMPLES, 5)
     volume = as_volume(masked)

@@ -1,6 +1,11 @@
 """wvr, the Warp Volume Renderer: direct volume rendering of regular grids, fast and accurate, on CPUs and CUDA GPUs."""
 
 import sys
+from pathlib import Path
+
+# Kernels are beside this folder where it is that of a checkout, and not of an installation.
+if not (Path(__file__).parent / "kernels").is_dir():
+    __path__.append(str(Path(__file__).parents[1]))
 
 from . import datasets, presets
 from .bricks.open import build_ranges
@@ -12,7 +17,7 @@ from .cuts.labels import Segmentation
 from .cuts.shapes import ClipBox, ClipPlane, ClipSphere
 from .cuts.volumes import ClipVolume
 from .enclosure import Enclosure, enclose
-from .image import BoundedImage, Image
+from .image import BoundedImage, Image, Pick
 from .integrators import (
     AdaptivePreintegrated,
     AdaptiveSimpson,
@@ -60,6 +65,7 @@ __all__ = [
     "Image",
     "Isosurface",
     "Lighting",
+    "Pick",
     "Preintegrated",
     "Projection",
     "Renderer",

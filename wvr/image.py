@@ -363,11 +363,13 @@ class Image:
 
     def __repr__(self) -> str:
         width, height = self.size
-        parts = [f"{width} x {height}", f"{_counted(int(self.samples.sum(dtype=np.int64)))} samples"]
+        parts = [f"{width} x {height}", *([self.stats["integrator"]] if "integrator" in self.stats else [])]
+        if self.error_bound is not None:
+            light = " but for light" if ", not " in self.stats.get("bound_covers", "") else ""
+            parts.append(f"errors up to {at_most(self.max_error)}{light}")
+        parts.append(f"{_counted(int(self.samples.sum(dtype=np.int64)))} samples")
         if "seconds" in self.stats:
             parts.append(f"{self.stats['seconds']:.3g} s")
-        if self.error_bound is not None:
-            parts.append(f"errors up to {at_most(self.max_error)}")
         return f"Image({', '.join(parts)})"
 
 

@@ -114,9 +114,22 @@ ELSEWHERE = {
 }
 
 
+# Of wvr.render, where something else has not got them.
+OF_RENDER = {
+    "size": "a viewer is as large as its window",
+    "cancel": "only wvr.render, and a Renderer's render, are cancelled",
+    "depth": "wvr.render ends rays at depths, which are those of one camera",
+    "memory_limit": "of volumes in bricks wvr.render makes images",
+    "budget": "of volumes in bricks wvr.render makes images",
+    "missing": "of volumes in bricks wvr.render makes images",
+    "client": "of volumes in bricks wvr.render makes images",
+}
+
+
 def refuse(function: str, unknown: Mapping[str, Any], known: Sequence[str]) -> None:
     """An error for keywords that a function does not have, with what to write instead where that is known."""
     if unknown:
         name = next(iter(unknown))
-        said = f"; {ELSEWHERE[name]}" if name in ELSEWHERE else near(name, known)
+        instead = ELSEWHERE | OF_RENDER
+        said = f"; {instead[name]}" if name in instead else near(name, known)
         raise TypeError(f"{function} has no keyword {name!r}{said}")

@@ -54,7 +54,7 @@ class Renderer:
     Parameters
     ----------
     volume, transfer_function
-        What to render.
+        What to render; with a segmentation a transfer function is not used.
     integrator, tolerance
         One of them; by default the tolerance is 1/512. See :func:`render`.
     lighting
@@ -80,7 +80,7 @@ class Renderer:
     def __init__(
         self,
         volume: Field,
-        transfer_function: TransferFunction | None,
+        transfer_function: TransferFunction | None = None,
         *,
         integrator: Integrator | None = None,
         tolerance: float | None = None,
@@ -339,7 +339,8 @@ def render(
         A ``distributed.Client`` (Dask), whose workers read and render the bricks of a volume of :func:`wvr.open`.
     cancel
         A ``threading.Event``. Once another thread sets it, rays under way are finished, on CUDA all that was launched,
-        and the render ends with :class:`Cancelled`; nothing is left running. By default nothing cancels it.
+        and the render ends with :class:`Cancelled`; nothing is left running. A kernel that is being compiled is
+        finished first, which takes seconds. By default nothing cancels it.
     **unknown
         Keywords of other libraries, such as ``cmap``: an error, which says what to write here.
 

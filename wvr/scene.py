@@ -66,7 +66,13 @@ class Scene:
             if not isinstance(value, accepted) and not (optional and value is None):
                 kind = "Volume" if accepted is Field else accepted.__name__
                 more = " or None" if optional else ", such as wvr.Riemann(0.5)" if accepted is Integrator else ""
-                raise TypeError(f"{name} must be a{'n' * (kind[0] in 'AEIO')} {kind}{more}, got {_described(value)}")
+                hint = ""
+                if name == "volume":
+                    hint = ": volume = wvr.as_volume(data)"
+                elif name == "transfer_function":
+                    hint = f": {_function_for(value)}"
+                article = f"a{'n' * (kind[0] in 'AEIO')}"
+                raise TypeError(f"{name} must be {article} {kind}{more}, got {_described(value)}{hint}")
         choice(self.precision, "precision", ("auto", *REALS))
         if not isinstance(self.skip_empty, bool | np.bool_):
             raise TypeError(f"skip_empty must be True or False, got {self.skip_empty!r}")
@@ -250,7 +256,15 @@ class Scene:
         return [one for one in (*own, *(getattr(clip, "volume", None) for clip in self.clips)) if hasattr(one, "look")]
 
 
+def _function_for(value: Any) -> str:
+    """What makes a transfer function of something that wvr.render takes for one."""
+    if value is None:
+        return "wvr.presets.suggest(volume) has some, or give a segmentation"
+    name = repr(value) if isinstance(value, str) else "colors"
+    return f"wvr.TransferFunction.from_colormap({name}, volume.range) makes one; wvr.render takes such as they are"
+
+
 def _described(value: Any) -> str:
     if isinstance(value, type):
         return f"the class {value.__name__}: say {value.__name__}(...)"
-    return repr(value) if isinstance(value, str | int | float) else type(value).__name__
+    return repr(value) if isinstance(value, str | int | float | None) else type(value).__name__

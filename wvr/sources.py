@@ -42,7 +42,7 @@ def as_volume(
     spacing: ArrayLike | None = None,
     origin: ArrayLike | None = None,
     *,
-    axes: Axes = "zyx",
+    axes: Axes | None = None,
     scalars: str | None = None,
     nan: NanPolicy | None = None,
 ) -> Volume:
@@ -64,8 +64,8 @@ def as_volume(
     spacing, origin
         As of :class:`Volume`, x, y, z [world length], of arrays, which do not say; by default 1 and 0.
     axes
-        Of an array: ``"zyx"``, array[z, y, x], x the fastest, as NumPy arrays from files of slices are; or ``"xyz"``,
-        array[x, y, z], as :func:`pyvista.wrap` takes them.
+        Of an array: ``"zyx"``, the default, array[z, y, x], x the fastest, as NumPy arrays from files of slices are; or
+        ``"xyz"``, array[x, y, z], as :func:`pyvista.wrap` takes them.
     scalars
         Which array of a dataset, or file, with several; by default the active one.
     nan
@@ -84,7 +84,8 @@ def as_volume(
     Warns
     -----
     UserWarning
-        Where an array's shape or memory looks like another order of its axes, and where data are resampled.
+        Where an array's shape or memory looks like another order of its axes and ``axes`` are not given, and where data
+        are resampled.
 
     Examples
     --------
@@ -92,14 +93,14 @@ def as_volume(
     >>> wvr.as_volume(np.zeros((40, 20, 10), bool), axes="xyz")
     Volume(x=40, y=20, z=10, uint8, spacing=(1.0, 1.0, 1.0))
     """
-    choice(axes, "axes", get_args(Axes))
+    choice(axes, "axes", (None, *get_args(Axes)))
     choice(nan, "nan", (None, *get_args(NanPolicy)))
     if not isinstance(scalars, str | None):
         raise TypeError(f"scalars must be the name of an array or None, got {scalars!r}")
     is_array = not isinstance(data, Field | str | os.PathLike)
     module = type(data).__module__.partition(".")[0]
     of_library = module in ("pyvista", "vtkmodules", "vtk", "xarray")
-    for name, value in (("spacing", spacing), ("origin", origin), ("axes", None if axes == "zyx" else axes)):
+    for name, value in (("spacing", spacing), ("origin", origin), ("axes", axes)):
         if value is not None and (not is_array or of_library):
             raise ValueError(f"{name} is for arrays, a {type(data).__name__} says so itself, got {value!r}")
     if scalars is not None and is_array and not of_library:
@@ -134,11 +135,12 @@ def _named(name: str | os.PathLike[str], scalars: str | None, nan: NanPolicy) ->
 
 
 def _from_array(
-    data: Any, spacing: ArrayLike | None, origin: ArrayLike | None, axes: Axes, nan: NanPolicy | None
+    data: Any, spacing: ArrayLike | None, origin: ArrayLike | None, given_axes: Axes | None, nan: NanPolicy | None
 ) -> Volume:
+    axes: Axes = given_axes or "zyx"
     given = _samples(data)
     array = _three_axes(given)
-    if isinstance(array, np.ndarray) and array.ndim == 3 and axes == "zyx":
+    if isinstance(array, np.ndarray) and array.ndim == 3 and given_axes is None:
         _doubt(array)
     place = {"spacing": (1.0, 1.0, 1.0) if spacing is None else spacing}
     place["origin"] = (0.0, 0.0, 0.0) if origin is None else origin

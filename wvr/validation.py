@@ -177,6 +177,7 @@ def near(given: Any, accepted: Sequence[Any]) -> str:
     names = {str(name).lower(): name for name in accepted if isinstance(name, str)}
     tried = (given.lower(), given.lower().replace("_", "-"))
     found = [match for one in tried for match in get_close_matches(one, names, 1, 0.65)]
+    found += [name for name in names if len(name) > 2 and given.lower().startswith(name)]  # "maximum" of "max"
     return f"; did you mean {names[found[0]]!r}?" if found else ""
 
 

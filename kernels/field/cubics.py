@@ -17,37 +17,39 @@ U = 2.0**-24
 FIELD_ULPS = 256 * U
 CORNER_ULPS = 4 * U
 
+# Where cells are: in double, then relative to the cell's corner in single; and half the way through them (S1).
+PLACED = """
+const int64_t room = where.shape[1];
+for (int l = first; l < first + n; l += 8) {
+    const vq q = *(const vq*)(cells.data + l);
+    const vd t0 = *(const vd*)(times.data + l), t1 = *(const vd*)(times.data + times.shape[1] + l);
+    const vd t = 0.5 * (t0 + t1), h = 0.5 * (t1 - t0);
+    float* to = where.data + l;
+#define PUT(i, a) *(v8f*)(to + (i) * room) = __builtin_convertvector(a, v8f)
+#define WHOLE(shift) __builtin_convertvector(__builtin_convertvector((q >> shift) & 0x1fffff, v8i), vd)
+    PUT(0, t * d[0] + (origin[0] - WHOLE(0)));
+    PUT(1, t * d[1] + (origin[1] - WHOLE(21)));
+    PUT(2, t * d[2] + (origin[2] - WHOLE(42)));
+    PUT(3, h);
+    for (int a = 0; a < 3; ++a) PUT(4 + a, h * d[a]);
+}
+"""
+
 CUBICS = """
-const int64_t nx = field.data.shape[2], nxy = nx * field.data.shape[1];
+const int64_t nx = field.data.shape[2], nxy = nx * field.data.shape[1], room = where.shape[1];
 const auto* __restrict data = field.data.data;
-uint64_t* __restrict place = cells.data + ray * CELLS;
-double* __restrict start = times.data + ray * 2 * CELLS;
-double* __restrict stop = start + CELLS;
-const float d0 = (float)d[0], d1 = (float)d[1], d2 = (float)d[2];
+uint64_t* __restrict place = cells.data + first;
+float* __restrict from = where.data + first;
 const int padded = (n + 15) & -16;
 for (int l = n; l < padded; ++l) {
     place[l] = place[n - 1];
-    start[l] = stop[l] = stop[n - 1];
+    for (int a = 0; a < 7; ++a) from[a * room + l] = a < 3 ? from[a * room + n - 1] : 0.0f;
 }
-vf position[4][4];
 alignas(64) int64_t at[CELLS];
 STORE
-for (int u = 0; u < padded; u += 16) {
-    // Where cells are: in double, then relative to the cell's corner in single.
-    v8f p8[4][2];
-    for (int b = 0; b < 2; ++b) {
-        const vq q = *(const vq*)(place + u + 8 * b);
-        const vq kx = q & 0x1fffff, ky = (q >> 21) & 0x1fffff, kz = (q >> 42) & 0x1fffff;
-        *(vq*)(at + u + 8 * b) = kz * nxy + ky * nx + kx;
-        const vd t0 = *(const vd*)(start + u + 8 * b), t1 = *(const vd*)(stop + u + 8 * b);
-        const vd t = 0.5 * (t0 + t1);
-#define PART(k) __builtin_convertvector(__builtin_convertvector(k, v8i), vd)
-        p8[0][b] = __builtin_convertvector(t * d[0] + (origin[0] - PART(kx)), v8f);
-        p8[1][b] = __builtin_convertvector(t * d[1] + (origin[1] - PART(ky)), v8f);
-        p8[2][b] = __builtin_convertvector(t * d[2] + (origin[2] - PART(kz)), v8f);
-        p8[3][b] = __builtin_convertvector(0.5 * (t1 - t0), v8f);
-    }
-    for (int c = 0; c < 4; ++c) position[c][u >> 4] = JOIN(p8[c][0], p8[c][1]);
+for (int l = 0; l < padded; l += 8) {
+    const vq q = *(const vq*)(place + l);
+    *(vq*)(at + l) = (q >> 42) * nxy + ((q >> 21) & 0x1fffff) * nx + (q & 0x1fffff);
 }
 // Corners of all.
 for (int l = 0; l < padded; ++l) {
@@ -55,8 +57,8 @@ for (int l = 0; l < padded; ++l) {
 LOAD
 }
 for (int u = 0; u < padded; u += 16) {
-    const int i = u >> 4;
-    const vf fx = position[0][i], fy = position[1][i], fz = position[2][i], h = position[3][i];
+#define FROM(a) *(const vf*)(from + (a) * room + u)
+    const vf fx = FROM(0), fy = FROM(1), fz = FROM(2), hx = FROM(4), hy = FROM(5), hz = FROM(6);
     // Relative to the first.
 CORNERS
     const vf wide = MAX(
@@ -64,15 +66,15 @@ CORNERS
     const vf xy0 = x10 - x00, xz0 = x01 - x00, xyz = (x11 - x01) - xy0;
     const vf v00 = fx * x00, v01 = e001 + fx * x01, y0 = e010 + fx * x10 - v00, y1 = e011 + fx * x11 - v01;
     const vf v0 = v00 + fy * y0, dz = v01 + fy * y1 - v0, xz = xz0 + fy * xyz, yz = y1 - y0;
-    const vf dx = x00 + fy * xy0 + fz * xz, dy = y0 + fz * yz, xy = xy0 + fz * xyz, hh = h * h;
-    const vf m2 = hh * (d0 * (d1 * xy + d2 * xz) + d1 * (d2 * yz));
+    const vf dx = x00 + fy * xy0 + fz * xz, dy = y0 + fz * yz, xy = xy0 + fz * xyz;
+    const vf m2 = hx * (hy * xy + hz * xz) + hy * (hz * yz);
     float* out = cubic.data + u;
     *(vf*)out = base;
     *(vf*)(out + CELLS) = v0 + fz * dz + m2 * (1.0f / 3);
-    *(vf*)(out + 2 * CELLS) = h * (d0 * dx + d1 * dy + d2 * dz);
+    *(vf*)(out + 2 * CELLS) = hx * dx + hy * dy + hz * dz;
     *(vf*)(out + 3 * CELLS) = m2;
-    *(vf*)(out + 4 * CELLS) = hh * h * (d0 * d1 * d2) * xyz;
-    *(vf*)(out + 5 * CELLS) = h;
+    *(vf*)(out + 4 * CELLS) = hx * (hy * hz) * xyz;
+    *(vf*)(out + 5 * CELLS) = FROM(3);
     *(vf*)(out + 6 * CELLS) = wide * (FIELD_ULPS) ROUNDED;
 }
 """
@@ -118,6 +120,34 @@ FLOATING = {
     const vf coarse = ABS(base) * CORNER(8);
 """,
 }
+# Pairs of float32 likewise, whose differences single precision has as exactly as double rounded.
+SINGLE = {
+    "STORE": "alignas(64) int64_t pair[4][CELLS];",
+    "LOAD": """
+    __builtin_memcpy(pair[0] + l, c, 8);
+    __builtin_memcpy(pair[1] + l, c + nx, 8);
+    __builtin_memcpy(pair[2] + l, c + nxy, 8);
+    __builtin_memcpy(pair[3] + l, c + nxy + nx, 8);
+""",
+    "CORNERS": """
+#define HALF(m, b) *(const vf*)(pair[m] + u + 8 * b)
+#define EACH(m, i) __builtin_shufflevector(HALF(m, 0), HALF(m, 1), i, i + 2, i + 4, i + 6, i + 8, i + 10, i + 12, \\
+    i + 14, i + 16, i + 18, i + 20, i + 22, i + 24, i + 26, i + 28, i + 30)
+    const vf c0 = EACH(0, 0), c2 = EACH(1, 0), c4 = EACH(2, 0), c6 = EACH(3, 0);
+    const vf e010 = c2 - c0, e001 = c4 - c0, e011 = c6 - c0;
+    const vf x00 = EACH(0, 1) - c0, x10 = EACH(1, 1) - c2, x01 = EACH(2, 1) - c4, x11 = EACH(3, 1) - c6;
+    v8f base8[2], coarse8[2];
+    for (int b = 0; b < 2; ++b) {
+        alignas(64) float half[16];
+        *(vf*)half = c0;
+        const vd exact = __builtin_convertvector(*(const v8f*)(half + 8 * b), vd) - field.shift;
+        base8[b] = __builtin_convertvector(exact, v8f);
+        const auto same = __builtin_convertvector(base8[b], vd) == exact;
+        coarse8[b] = __builtin_convertvector(same ? (vd){} : (vd){} + CORNER_ULPS, v8f);
+    }
+    const vf base = JOIN(base8[0], base8[1]), coarse = ABS(base) * JOIN(coarse8[0], coarse8[1]);
+""",
+}
 # How two integers lie in a larger one: its type, and either of them.
 PAIRS = {
     wp.uint8: ("uint16_t", "({} & 255)", "({} >> 8)"),
@@ -135,15 +165,16 @@ for (int j = 0; j < n; j += 8) {
     alignas(64) double c[8][8], line[6][8], start[8], stop[8];
     alignas(64) int64_t place[8];
     for (int l = 0; l < 8; ++l) {
-        const int i = which.data[j + l < n ? j + l + 1 : n], ray = i / COUNT, cell = i % COUNT;
+        const int* of = which.data + (j + l < n ? j + l + 1 : n);
+        const int i = of[0], ray = of[which.shape[1]];
         const uint64_t q = cells.data[i];
         const auto* a = data + (int64_t)(q >> 42) * nxy + (int64_t)((q >> 21) & 0x1fffff) * nx
             + (int64_t)(q & 0x1fffff);
         for (int m = 0; m < 8; ++m) c[m][l] = double(a[(m >> 2) * nxy + ((m >> 1) & 1) * nx + (m & 1)]) SHIFTED;
         for (int m = 0; m < 6; ++m) line[m][l] = lines.data[lines.shape[1] * ray + m];
         place[l] = (int64_t)q;
-        start[l] = times.data[2 * COUNT * ray + cell];
-        stop[l] = times.data[2 * COUNT * ray + COUNT + cell];
+        start[l] = times.data[i];
+        stop[l] = times.data[times.shape[1] + i];
     }
 #define OF(a) (*(const vd*)a)
     const vd h = 0.5 * (OF(stop) - OF(start)), t = OF(start) + h, d0 = OF(line[3]), d1 = OF(line[4]), d2 = OF(line[5]);
@@ -165,28 +196,32 @@ for (int j = 0; j < n; j += 8) {
     *(vd*)(to + 2 * room) = h * h * (d0 * (d1 * xy + d2 * xz) + d1 * (d2 * yz));
     *(vd*)(to + 3 * room) = h * h * h * (d0 * d1 * d2 * xyz);
     *(vd*)(to + 4 * room) = h;
+    vd low = CORNER(0), high = low;
+    for (int m = 1; m < 8; ++m) low = MIN(low, CORNER(m)), high = MAX(high, CORNER(m));
+    *(vd*)(to + 5 * room) = high > low ? ulps[0] * MAX(high, -low) + ulps[1] * (high - low) : (vd){};
 }
 """
 
 
 @cache
-def make_centered(dtype, count):
-    """``centered(field, lines, cells, times, which, cubic)``: ``cell.make_centered`` of cells of several rays, of
-    ``count`` cells each. ``which`` has how many, and which they are, counted through; ``lines`` have the rays' origins
-    and directions.
+def make_centered(dtype):
+    """``centered(field, lines, cells, times, which, ulps, cubic)``: ``cell.make_centered`` of cells of several rays.
+    ``which`` (2, n) has how many and which they are, and behind that their rays; ``lines`` have the rays' origins and
+    directions; ``ulps`` is what the scalar is off by in parts of the largest corner and of the range of a cell.
 
-    Rows of ``cubic`` (5, a multiple of eight) are the four coefficients and half the length.
+    Rows of ``cubic`` (6, a multiple of eight) are the four coefficients, half the length and what the scalar is off by.
     """
     Field = make_samples(dtype)
     shifted = "- field.shift" if dtype in (wp.float16, wp.float32, wp.float64) else ""
 
-    @wp.func_native(VECTORS + CENTERED.replace("SHIFTED", shifted).replace("COUNT", str(count)))
+    @wp.func_native(VECTORS + CENTERED.replace("SHIFTED", shifted))
     def centered(
         field: Field,
         lines: wp.array2d(dtype=wp.float64),
-        cells: wp.array2d(dtype=wp.uint64),
-        times: wp.array3d(dtype=wp.float64),
-        which: wp.array(dtype=int),
+        cells: wp.array(dtype=wp.uint64),
+        times: wp.array2d(dtype=wp.float64),
+        which: wp.array2d(dtype=int),
+        ulps: wp.vec2d,
         cubic: wp.array2d(dtype=wp.float64),
     ): ...
 
@@ -194,19 +229,60 @@ def make_centered(dtype, count):
 
 
 @cache
-def make_cubics(dtype, count):
-    """``cubics(field, origin, d, cells, times, ray, n, cubic)``: of n of ``count`` cells of a ray, places with 21 bits
-    an axis, that it enters and leaves at ``times``. Rows of ``cubic`` are the corner that the scalar is counted from,
-    the scalar's mean from there, ``m1``, ``m2``, ``m3`` and half the length, of
-    ``mean + m1 v + m2 (v^2 - 1/3) + m3 v^3`` with v in [-1, 1], and what rounding takes it away at most: 0 where all
-    corners are equal, and exact.
+def make_placed(vectors):
+    """``placed(origin, d, cells, times, first, n, where)``: n cells of a ray from ``first`` on, places with 21 bits an
+    axis, that it enters and leaves at ``times`` (2, m). Rows of ``where`` (7, m) are the middle of the ray in a cell,
+    from the cell's corner on, half the length, and half the way along each axis. There is room for seven more.
+    """
+    real = wp.float32
 
-    Up to a multiple of sixteen, more of no length follow.
+    @wp.func_native(VECTORS + PLACED)
+    def in_vectors(
+        origin: wp.vec3d,
+        d: wp.vec3d,
+        cells: wp.array(dtype=wp.uint64),
+        times: wp.array2d(dtype=wp.float64),
+        first: int,
+        n: int,
+        where: wp.array2d(dtype=wp.float32),
+    ): ...
+
+    @wp.func
+    def one_by_one(
+        origin: wp.vec3d,
+        d: wp.vec3d,
+        cells: wp.array(dtype=wp.uint64),
+        times: wp.array2d(dtype=wp.float64),
+        first: int,
+        n: int,
+        where: wp.array2d(dtype=wp.float32),
+    ):
+        for l in range(first, first + n):
+            place = cells[l]
+            h = wp.float64(0.5) * (times[1, l] - times[0, l])
+            t = wp.float64(0.5) * (times[0, l] + times[1, l])
+            where[3, l] = real(h)
+            for a in range(3):
+                cell = int((place >> wp.uint64(21 * a)) & wp.uint64(0x1FFFFF))
+                where[a, l] = real(origin[a] + t * d[a] - wp.float64(cell))
+                where[4 + a, l] = real(h * d[a])
+
+    return in_vectors if vectors else one_by_one
+
+
+@cache
+def make_cubics(dtype, count):
+    """``cubics(field, cells, where, first, n, cubic)``: of n cells, up to ``count``, that are placed from ``first`` on.
+    Rows of ``cubic`` are the corner that the scalar is counted from, the scalar's mean from there, ``m1``, ``m2``,
+    ``m3`` and half the length, of ``mean + m1 v + m2 (v^2 - 1/3) + m3 v^3`` with v in [-1, 1], and what rounding takes
+    it away at most: 0 where all corners are equal, and exact.
+
+    Up to a multiple of sixteen, more of no length follow, also of ``cells``.
     """
     Field = make_samples(dtype)
     integer = dtype in PAIRS
     text = CUBICS.replace("ROUNDED", "" if integer else "+ coarse")
-    for name, code in (INTEGER if integer else FLOATING).items():
+    for name, code in (INTEGER if integer else SINGLE if dtype is wp.float32 else FLOATING).items():
         text = text.replace(name, code)
     if integer:
         kind, lower, upper = PAIRS[dtype]
@@ -222,11 +298,9 @@ def make_cubics(dtype, count):
     @wp.func_native(VECTORS + text)
     def cubics(
         field: Field,
-        origin: wp.vec3d,
-        d: wp.vec3d,
-        cells: wp.array2d(dtype=wp.uint64),
-        times: wp.array3d(dtype=wp.float64),
-        ray: int,
+        cells: wp.array(dtype=wp.uint64),
+        where: wp.array2d(dtype=wp.float32),
+        first: int,
         n: int,
         cubic: wp.array2d(dtype=wp.float32),
     ): ...
@@ -235,7 +309,7 @@ def make_cubics(dtype, count):
 
 
 @cache
-def make_cubics_one_by_one(dtype, count):
+def make_cubics_one_by_one(dtype):
     """The same, cell by cell."""
     real = wp.float32
     Field = make_samples(dtype)
@@ -247,33 +321,34 @@ def make_cubics_one_by_one(dtype, count):
     @wp.func
     def cubics(
         field: Field,
-        origin: wp.vec3d,
-        d: wp.vec3d,
-        cells: wp.array2d(dtype=wp.uint64),
-        times: wp.array3d(dtype=wp.float64),
-        ray: int,
+        cells: wp.array(dtype=wp.uint64),
+        where: wp.array2d(dtype=wp.float32),
+        first: int,
         n: int,
         cubic: wp.array2d(dtype=wp.float32),
     ):
         last = (n + 15) & ~15
         for l in range(last):
-            place = cells[ray, wp.min(l, n - 1)]
-            start = times[ray, 0, wp.min(l, n - 1)]
-            stop = times[ray, 1, wp.min(l, n - 1)]
+            at = first + l
             if l >= n:
-                start = stop
+                at = first + n - 1
+                cells[first + l] = cells[at]
+            place = cells[at]
             i = int(place & wp.uint64(0x1FFFFF))
             j = int((place >> wp.uint64(21)) & wp.uint64(0x1FFFFF))
             k = int((place >> wp.uint64(42)) & wp.uint64(0x1FFFFF))
-            # Where it is: in double, then relative to the cell's corner in single (S1).
-            p = origin + wp.float64(0.5) * (start + stop) * d - wp.vec3d(wp.float64(i), wp.float64(j), wp.float64(k))
-            fx = real(p[0])
-            fy = real(p[1])
-            fz = real(p[2])
-            h = real(wp.float64(0.5) * (stop - start))
-            d0 = real(d[0])
-            d1 = real(d[1])
-            d2 = real(d[2])
+            fx = where[0, at]
+            fy = where[1, at]
+            fz = where[2, at]
+            h = where[3, at]
+            hx = where[4, at]
+            hy = where[5, at]
+            hz = where[6, at]
+            if l >= n:
+                h = real(0.0)
+                hx = real(0.0)
+                hy = real(0.0)
+                hz = real(0.0)
             # Corners, relative to the first.
             c0 = corner(field, i, j, k)
             c2 = corner(field, i, j + 1, k)
@@ -305,15 +380,15 @@ def make_cubics_one_by_one(dtype, count):
             dx = x00 + fy * xy0 + fz * xz
             dy = y0 + fz * yz
             xy = xy0 + fz * xyz
-            m2 = h * h * (d0 * (d1 * xy + d2 * xz) + d1 * (d2 * yz))
+            m2 = hx * (hy * xy + hz * xz) + hy * (hz * yz)
             blur = wide * real(wp.static(FIELD_ULPS))
             if wp.float64(base) != c0 - field.shift:
                 blur += wp.abs(base) * real(wp.static(CORNER_ULPS))
             cubic[0, l] = base
             cubic[1, l] = v0 + fz * dz + m2 * real(wp.static(1.0 / 3.0))
-            cubic[2, l] = h * (d0 * dx + d1 * dy + d2 * dz)
+            cubic[2, l] = hx * dx + hy * dy + hz * dz
             cubic[3, l] = m2
-            cubic[4, l] = h * h * h * (d0 * d1 * d2) * xyz
+            cubic[4, l] = hx * (hy * hz) * xyz
             cubic[5, l] = h
             cubic[6, l] = blur
 

@@ -50,8 +50,8 @@ class Grid:
 
     def cubics(self, vectors: bool, count: int) -> Any:
         """``cubics`` of ``field.cubics``, of up to ``count`` cells: in vectors, or one by one."""
-        return make_cubics(self.dtype, count) if vectors else make_cubics_one_by_one(self.dtype, count)
+        return make_cubics(self.dtype, count) if vectors else make_cubics_one_by_one(self.dtype)
 
-    def centered_of(self, count: int) -> Any:
-        """``centered`` of ``field.cubics``, of rays of ``count`` cells each, in vectors."""
-        return make_centered_of(self.dtype, count)
+    def centered_of(self) -> Any:
+        """``centered`` of ``field.cubics``, of many cells, in vectors."""
+        return make_centered_of(self.dtype)

@@ -1,6 +1,6 @@
 """The walk of ``walk`` in whole numbers: times along a ray are fractions of it, so that a step is a few additions.
 
-A stretch of ray is 2^49 to 2^50 ticks long, a tick a power of two. What rounding to ticks adds up to over a grid of n
+A stretch of ray is 2^52 to 2^53 ticks long, a tick a power of two. What rounding to ticks adds up to over a grid of n
 cells along all axes together is less than 2 n of them. Where a cell is taken to end so much too early or too late, the
 next begins there: the field has no jumps, so what a ray sees changes by that squared (docs/proof-single.md, S12). A
 stretch ends ``4 n`` ticks early, in its last cell, so that no index is ever beyond the grid.
@@ -64,6 +64,13 @@ def make_octants(base: int, masks: wp.array3d(dtype=wp.uint64), octants: wp.arra
     octant(wp.tid() + base, masks, octants)
 
 
+# What a walk is at, in words: three axes and what is like them; then when it began to be in a cell, which, and when it
+# ends; its octant, the length of a tick, where it starts, and how many cells it found last.
+STATE = 28
+LAYOUT = """
+enum { NEXT, GAP = 4, STEP = 8, FLIP = 12, INVERSE = 16, TIME = 20, PLACE, END, WAY, TICK, START, FOUND, STATE = 28 };
+"""
+
 BEGIN = """
 double last_out = end;
 for (int a = 0; a < 3; ++a) {
@@ -73,15 +80,16 @@ for (int a = 0; a < 3; ++a) {
 }
 const double length = last_out - start;
 if (!(length > 0.0)) return false;
-// The power of two that makes the length 2^49 ticks or more, by its exponent.
+// The power of two that makes the length 2^52 ticks or more, by its exponent.
 int64_t bits;
 __builtin_memcpy(&bits, &length, 8);
 const int64_t exponent = (bits >> 52) & 0x7ff;
-bits = (2046 + 49 - (exponent > 100 ? exponent : 100)) << 52;
+bits = (2046 + 52 - (exponent > 100 ? exponent : 100)) << 52;
 double scale;
 __builtin_memcpy(&scale, &bits, 8);
 typedef int64_t word __attribute__((may_alias));
-word* s = (word*)state.data + 20 * ray;
+word* s = (word*)state.data + STATE * ray;
+double* f = state.data + STATE * ray;
 const int64_t all = (int64_t)(length * scale);
 const double far = 2.0 * length;
 uint64_t place = 0;
@@ -94,119 +102,155 @@ for (int a = 0; a < 3; ++a) {
     double gap = fabs(inverse), next = (double(cell + (d[a] > 0.0)) - origin[a]) * inverse - start;
     gap = moves && gap < far ? gap : far;
     next = moves && next < far ? next : far;
-    s[a] = (int64_t)((next > 0.0 ? next : 0.0) * scale);
-    s[5 + a] = (int64_t)(gap * scale);
-    s[8 + a] = (d[a] > 0.0 ? 1LL : -1LL) * (1LL << (21 * a));
-    state.data[20 * ray + 15 + a] = 1.0 / (double)(s[5 + a] > 0 ? s[5 + a] : 1);
+    s[NEXT + a] = (int64_t)((next > 0.0 ? next : 0.0) * scale);
+    s[GAP + a] = (int64_t)(gap * scale);
+    s[STEP + a] = (d[a] > 0.0 ? 1LL : -1LL) * (1LL << (21 * a));
+    s[FLIP + a] = d[a] > 0.0 ? 0 : 3;
+    f[INVERSE + a] = 1.0 / (double)(s[GAP + a] > 0 ? s[GAP + a] : 1);
 }
-s[3] = 0;
-s[4] = (int64_t)place;
-s[11] = all - 4 * ((int64_t)last[0] + last[1] + last[2] + 6);
-s[12] = all;
-s[13] = (d[0] > 0.0) | (d[1] > 0.0) << 1 | (d[2] > 0.0) << 2;
-state.data[20 * ray + 14] = 1.0 / scale;
+s[NEXT + 3] = all - 4 * ((int64_t)last[0] + last[1] + last[2] + 6);
+s[GAP + 3] = s[STEP + 3] = s[FLIP + 3] = 0;
+f[INVERSE + 3] = 0.0;
+s[TIME] = 0;
+s[PLACE] = (int64_t)place;
+s[END] = all;
+s[WAY] = (d[0] > 0.0) | (d[1] > 0.0) << 1 | (d[2] > 0.0) << 2;
+f[TICK] = 1.0 / scale;
+f[START] = start;
 return true;
 """
 
-# In a function of its own, which has all registers for itself.
+# Nothing but what is visited decides a branch. Two rays step in turn, each while the other waits for its numbers, in
+# functions of their own, which have all registers for themselves.
 STRIDE = """
 typedef int64_t word __attribute__((may_alias));
-auto walk = [](word* s, const uint64_t* __restrict seen, const uint8_t* __restrict free, const int64_t nx,
-    const int64_t nxy, uint64_t* __restrict place, word* __restrict ticks) __attribute__((noinline)) -> int64_t {
-    int64_t n0 = s[0], n1 = s[1], n2 = s[2], t = s[3], n = 0;
-    uint64_t p = (uint64_t)s[4];
-    const int64_t last = s[11], end = s[12];
-    while (n < CELLS) {
-        const int64_t block = (int64_t)(p >> 44) * nxy + (int64_t)((p >> 23) & 0x7ffff) * nx
-            + (int64_t)((p >> 2) & 0x7ffff);
-        const int64_t empty = free[block];
-        if (__builtin_expect(empty != 0, 0)) {
-            // Faces to cross within the cube of empty blocks, and when the ray leaves it.
-            const int64_t g0 = s[5], g1 = s[6], g2 = s[7], s0 = s[8], s1 = s[9], s2 = s[10];
-            const int64_t out = empty * 4 - 1;
-            const int64_t i0 = p & 3, i1 = (p >> 21) & 3, i2 = (p >> 42) & 3;
-            const int64_t e0 = n0 + (out - (s0 > 0 ? i0 : 3 - i0)) * g0, e1 = n1 + (out - (s1 > 0 ? i1 : 3 - i1)) * g1;
-            const int64_t e2 = n2 + (out - (s2 > 0 ? i2 : 3 - i2)) * g2;
-            int64_t leave = e0 < e1 ? e0 : e1;
-            leave = e2 < leave ? e2 : leave;
-            if (leave >= last) {
-                t = end;
-                break;
-            }
-            // Faces across each axis until then: by a reciprocal in double, which is off by one at most.
-            const double* one = (const double*)s + 15;
-            auto crossed = [&](int64_t next, int a) -> int64_t {
-                int64_t k = (int64_t)((double)(leave - next) * one[a]);
-                const int64_t rest = leave - next - k * s[5 + a];
-                k += (rest >= s[5 + a]) - (rest < 0) + 1;
-                return k > 0 ? k : 0;
-            };
-            const int64_t k0 = crossed(n0, 0), k1 = crossed(n1, 1), k2 = crossed(n2, 2);
-            n0 += k0 * g0;
-            n1 += k1 * g1;
-            n2 += k2 * g2;
-            p += (uint64_t)(k0 * s0 + k1 * s1 + k2 * s2);
-            t = leave;
-            continue;
-        }
-        const uint64_t mask = seen[block];
-        int64_t m = n0 < n1 ? n0 : n1;
-        m = n2 < m ? n2 : m;
-        const int bit = (int)((p & 3) | ((p >> 19) & 12) | ((p >> 38) & 48));
-        place[n] = p;
-        ticks[n] = t;
-        ticks[n + CELLS] = m;
-        const int64_t on = (int64_t)((mask >> bit) & 1);
-        n += on;
-        if (__builtin_expect(m >= last, 0)) {
-            ticks[n - on + CELLS] = end;
-            t = end;
-            break;
-        }
-        t = m;
-        const int64_t h0 = -(int64_t)(n0 == m), h1 = -(int64_t)(n1 == m), h2 = -(int64_t)(n2 == m);
-        // Read anew, which is faster than to keep them.
-        const word* k = s;
-        asm("" : "+r"(k));
-        p += (uint64_t)((h0 & k[8]) + (h1 & k[9]) + (h2 & k[10]));
-        n0 += h0 & k[5];
-        n1 += h1 & k[6];
-        n2 += h2 & k[7];
-    }
-    s[0] = n0;
-    s[1] = n1;
-    s[2] = n2;
-    s[3] = t;
-    s[4] = (int64_t)p;
-    return n;
+typedef int64_t v2q __attribute__((vector_size(16), aligned(8), may_alias));
+typedef int64_t v4q __attribute__((vector_size(32), aligned(8), may_alias));
+typedef double v4d __attribute__((vector_size(32), aligned(8), may_alias));
+typedef int64_t vq __attribute__((vector_size(64), aligned(8), may_alias));
+typedef double vd __attribute__((vector_size(64), aligned(8), may_alias));
+struct Walk {
+    v2q near, rest;  // the next face across x and y, and across z, and when the walk ends
+    int64_t t, n;
+    uint64_t p;
 };
 const auto& masks = blocks.masks;
-const int64_t nx = masks.shape[2], nxy = nx * masks.shape[1];
-double* when = times.data + ray * 2 * CELLS;
-word* ticks = (word*)when;
-word* s = (word*)state.data + 20 * ray;
-const int64_t n = walk(s, (const uint64_t*)masks.data, octants.data + s[13] * nxy * masks.shape[0], nx, nxy,
-    cells.data + ray * CELLS, ticks);
-const double tick = state.data[20 * ray + 14];
-typedef double vd __attribute__((vector_size(64), aligned(8), may_alias));
-typedef long long vq __attribute__((vector_size(64), aligned(8), may_alias));
-for (int64_t m = 0; m <= CELLS; m += CELLS)
-    for (int64_t l = m; l < m + n; l += 8)
-        *(vd*)(when + l) = __builtin_convertvector(*(const vq*)(ticks + l), vd) * tick + start;
-return (int)n;
+struct Grid {
+    const uint64_t* seen;
+    int64_t nx, nxy, size;
+    const uint8_t* free;
+};
+const Grid grid = {(const uint64_t*)masks.data, masks.shape[2], masks.shape[2] * masks.shape[1],
+    masks.shape[2] * masks.shape[1] * masks.shape[0], octants.data};
+// One step or leap: whether there is another. Times that cells are entered and left follow each other in ``found``.
+static constexpr auto step = [](Walk& w, const word* s, const Grid& grid, const uint8_t* free, word* found)
+    __attribute__((always_inline)) -> bool {
+    const uint64_t p = w.p;
+    const int64_t block = (int64_t)(p >> 44) * grid.nxy + (int64_t)((p >> 23) & 0x7ffff) * grid.nx
+        + (int64_t)((p >> 2) & 0x7ffff);
+    const int64_t empty = free[block];
+    if (__builtin_expect(empty != 0, 0)) {
+        // Faces to cross within the cube of empty blocks, when the ray leaves it, and what it has crossed then, by a
+        // reciprocal in double, which is off by one at most.
+        const v4q n = __builtin_shufflevector(w.near, w.rest, 0, 1, 2, 3), gap = *(const v4q*)(s + GAP);
+        const v4q within = (((v4q){} + (int64_t)p) >> (v4q){0, 21, 42, 0}) & 3;
+        const v4q e = n + ((v4q){} + (empty * 4 - 1) - (within ^ *(const v4q*)(s + FLIP))) * gap;
+        const v2q least = __builtin_elementwise_min(
+            __builtin_shufflevector(e, e, 0, 1), __builtin_shufflevector(e, e, 2, 3));
+        const int64_t leave = least[0] < least[1] ? least[0] : least[1];
+        if (leave >= w.rest[1]) return false;
+        const v4q way = leave - n;
+        v4q k = __builtin_convertvector(__builtin_convertvector(way, v4d) * *(const v4d*)(s + INVERSE), v4q);
+        const v4q over = way - k * gap;
+        k += 1 - (over >= gap) + (over < 0);
+        k = __builtin_elementwise_max(k, (v4q){});
+        const v4q m = n + k * gap, d = k * *(const v4q*)(s + STEP);
+        w.near = __builtin_shufflevector(m, m, 0, 1);
+        w.rest = __builtin_shufflevector(m, m, 2, 3);
+        w.p += (uint64_t)(d[0] + d[1] + d[2]);
+        w.t = leave;
+        return true;
+    }
+    const uint64_t mask = grid.seen[block];
+    v2q m = __builtin_elementwise_min(w.near, w.rest);
+    m = __builtin_elementwise_min(m, __builtin_shufflevector(m, m, 1, 0));
+    const int bit = (int)((p & 3) | ((p >> 19) & 12) | ((p >> 38) & 48));
+    const v2q a = w.near == m, b = w.rest == m;
+    word* at = found + w.n;
+    at[0] = (int64_t)p;
+    at[ROOM] = w.t;
+    at[2 * ROOM] = w.t = m[0];
+    w.n += (int64_t)((mask >> bit) & 1);
+    const v2q d = (a & *(const v2q*)(s + STEP)) + (b & *(const v2q*)(s + STEP + 2));
+    w.p += (uint64_t)(d[0] + d[1]);
+    w.near += a & *(const v2q*)(s + GAP);
+    w.rest += b & *(const v2q*)(s + GAP + 2);
+    return m[0] < s[NEXT + 3];
+};
+static constexpr auto load = [](const word* s) __attribute__((always_inline)) -> Walk {
+    return {*(const v2q*)(s + NEXT), *(const v2q*)(s + NEXT + 2), s[TIME], 0, (uint64_t)s[PLACE]};
+};
+static constexpr auto store = [](const Walk& w, word* s, bool going, word* found) __attribute__((always_inline)) {
+    *(v2q*)(s + NEXT) = w.near;
+    *(v2q*)(s + NEXT + 2) = w.rest;
+    s[TIME] = going ? w.t : s[END];
+    s[PLACE] = (int64_t)w.p;
+    s[FOUND] = w.n;
+    // The cell that the walk ends in reaches to the end of the ray.
+    if (w.n > 0 && found[2 * ROOM + w.n - 1] >= s[NEXT + 3]) found[2 * ROOM + w.n - 1] = s[END];
+};
+auto one = [](word* s, const Grid& grid, word* found) __attribute__((noinline)) {
+    const uint8_t* free = grid.free + s[WAY] * grid.size;
+    Walk w = load(s);
+    bool going = true;
+    while (going && w.n < CELLS) going = step(w, s, grid, free, found);
+    store(w, s, going, found);
+};
+auto two = [](word* s, word* r, const Grid& grid, word* found, word* other) __attribute__((noinline)) {
+    const uint8_t *free = grid.free + s[WAY] * grid.size, *clear = grid.free + r[WAY] * grid.size;
+    Walk w = load(s), v = load(r);
+    bool going = true, on = true;
+    while (going && on && w.n < CELLS && v.n < CELLS) {
+        going = step(w, s, grid, free, found);
+        on = step(v, r, grid, clear, other);
+    }
+    while (going && w.n < CELLS) going = step(w, s, grid, free, found);
+    while (on && v.n < CELLS) on = step(v, r, grid, clear, other);
+    store(w, s, going, found);
+    store(v, r, on, other);
+};
+word* s = (word*)state.data;
+alignas(64) word found[2][3 * ROOM];
+if (pair[1] < 0) one(s + STATE * pair[0], grid, found[0]);
+else two(s + STATE * pair[0], s + STATE * pair[1], grid, found[0], found[1]);
+int to = first;
+for (int i = 0; i < 2 && pair[i] >= 0; ++i) {
+    const word* from = found[i];
+    const double tick = state.data[STATE * pair[i] + TICK], start = state.data[STATE * pair[i] + START];
+    const int n = (int)s[STATE * pair[i] + FOUND];
+    for (int l = 0; l < n; l += 8) {
+        *(vq*)(cells.data + to + l) = *(const vq*)(from + l);
+        for (int a = 0; a < 2; ++a)
+            *(vd*)(times.data + a * times.shape[1] + to + l) =
+                __builtin_convertvector(*(const vq*)(from + (1 + a) * ROOM + l), vd) * tick + start;
+    }
+    to += n;
+}
+return to - first;
 """
 
 
 @cache
 def make_strides(cells):
     """Of several rays, each by its number: ``begin(last, origin, d, start, end, state, ray)`` -> whether there is
-    anything between start and end; ``stride(blocks, octants, start, state, cells, times, ray)`` -> the number of cells
-    that it found, the next with something to see, as many as there is room for, or fewer where the stretch ends; and
-    ``more(state, ray)`` -> whether the ray goes on. ``cells`` have 21 bits an axis; ``times`` are when the ray enters
-    and leaves them.
+    anything between start and end; ``stride(blocks, octants, state, pair, cells, times, first)`` -> the number of cells
+    that it found, of either of a pair of rays the next with something to see, ``cells`` at most, or fewer where the
+    stretch ends; of that ``many(state, ray)`` are of a ray, and ``more(state, ray)`` says whether it goes on. They are
+    put into ``cells``, 21 bits an axis, from ``first`` on, where there is room for eight more; ``times`` (2, n) are
+    when the ray enters and leaves them. The second of a pair may be -1, for none.
     """
 
-    @wp.func_native(BEGIN)
+    @wp.func_native(LAYOUT + BEGIN)
     def begin(
         last: wp.vec3i,
         origin: wp.vec3d,
@@ -217,21 +261,24 @@ def make_strides(cells):
         ray: int,
     ) -> bool: ...
 
-    @wp.func_native(STRIDE.replace("CELLS", str(cells)))
+    @wp.func_native(LAYOUT + STRIDE.replace("CELLS", str(cells)).replace("ROOM", str(cells + 8)))
     def stride(
         blocks: Blocks,
         octants: wp.array4d(dtype=wp.uint8),
-        start: wp.float64,
         state: wp.array2d(dtype=wp.float64),
-        cells: wp.array2d(dtype=wp.uint64),
-        times: wp.array3d(dtype=wp.float64),
-        ray: int,
+        pair: wp.vec2i,
+        cells: wp.array(dtype=wp.uint64),
+        times: wp.array2d(dtype=wp.float64),
+        first: int,
     ) -> int: ...
 
-    @wp.func_native("const int64_t* s = (const int64_t*)state.data + 20 * ray; return s[3] < s[12];")
+    @wp.func_native(LAYOUT + "const int64_t* s = (const int64_t*)state.data + STATE * ray; return s[TIME] < s[END];")
     def more(state: wp.array2d(dtype=wp.float64), ray: int) -> bool: ...
 
-    return begin, stride, more
+    @wp.func_native(LAYOUT + "return (int)((const int64_t*)state.data)[STATE * ray + FOUND];")
+    def many(state: wp.array2d(dtype=wp.float64), ray: int) -> int: ...
+
+    return begin, stride, more, many
 
 
 @cache
@@ -259,24 +306,24 @@ def make_gathered(cells):
             state[ray, 10 + a] = wp.float64(last[a])
         state[ray, 3] = start
         state[ray, 13] = wp.min(end, w.out)
+        state[ray, 14] = start
         return start < state[ray, 13]
 
     @wp.func
-    def stride(
+    def stride_of(
         blocks: Blocks,
-        octants: wp.array4d(dtype=wp.uint8),
-        start: wp.float64,
         state: wp.array2d(dtype=wp.float64),
-        cells: wp.array2d(dtype=wp.uint64),
-        times: wp.array3d(dtype=wp.float64),
         ray: int,
+        cells: wp.array(dtype=wp.uint64),
+        times: wp.array2d(dtype=wp.float64),
+        first: int,
     ):
         last = wp.vec3i(int(state[ray, 10]), int(state[ray, 11]), int(state[ray, 12]))
         w = enter(
             last,
             wp.vec3d(state[ray, 4], state[ray, 5], state[ray, 6]),
             wp.vec3d(state[ray, 7], state[ray, 8], state[ray, 9]),
-            start,
+            state[ray, 14],
         )
         w.cell = wp.vec3i(int(state[ray, 0]), int(state[ray, 1]), int(state[ray, 2]))
         w.t = state[ray, 3]
@@ -285,21 +332,41 @@ def make_gathered(cells):
             w, few = gather(blocks, w, state[ray, 13])
             for l in range(PACKET):
                 if l < few.count:
-                    cells[ray, n] = (
+                    cells[first + n] = (
                         wp.uint64(few.cell[0, l])
                         | wp.uint64(few.cell[1, l]) << wp.uint64(21)
                         | wp.uint64(few.cell[2, l]) << wp.uint64(42)
                     )
-                    times[ray, 0, n] = few.start[l]
-                    times[ray, 1, n] = few.start[l] + few.length[l]
+                    times[0, first + n] = few.start[l]
+                    times[1, first + n] = few.start[l] + few.length[l]
                     n += 1
         for a in range(3):
             state[ray, a] = wp.float64(w.cell[a])
         state[ray, 3] = w.t
+        state[ray, 15] = wp.float64(n)
+        return n
+
+    @wp.func
+    def stride(
+        blocks: Blocks,
+        octants: wp.array4d(dtype=wp.uint8),
+        state: wp.array2d(dtype=wp.float64),
+        pair: wp.vec2i,
+        cells: wp.array(dtype=wp.uint64),
+        times: wp.array2d(dtype=wp.float64),
+        first: int,
+    ):
+        n = stride_of(blocks, state, pair[0], cells, times, first)
+        if pair[1] >= 0:
+            n += stride_of(blocks, state, pair[1], cells, times, first + n)
         return n
 
     @wp.func
     def more(state: wp.array2d(dtype=wp.float64), ray: int):
         return state[ray, 3] < state[ray, 13]
 
-    return begin, stride, more
+    @wp.func
+    def many(state: wp.array2d(dtype=wp.float64), ray: int):
+        return int(state[ray, 15])
+
+    return begin, stride, more, many

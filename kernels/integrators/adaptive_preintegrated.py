@@ -20,7 +20,8 @@ from functools import cache
 
 import warp as wp
 
-from ..field.strides import make_strides
+from ..field.cubics import make_placed
+from ..field.strides import STATE, make_strides
 from ..field.walk import PACKET, make_gather, make_walk
 from ..light.points import intensity_of, make_shading
 from ..precision import vec3_of, vec4_of
@@ -31,6 +32,7 @@ from .steps import Step
 
 # Cells that are gathered before any is integrated: where a ray ends soon, fewer are in vain.
 CELLS = 32
+ROOM = CELLS + 8  # as of ``field.strides``
 # Integrals of |v^2 - 1/3| and of |v^3 - 3/5 v| over [-1, 1], rounded up.
 STRAIGHT = 0.5133
 TWISTED = 0.26
@@ -133,7 +135,7 @@ def make_composed(halves):
         ray: wp.vec4d,
         count: int,
         cells: int,
-        times: wp.array3d(dtype=wp.float64),
+        times: wp.array2d(dtype=wp.float64),
         cubic: wp.array2d(dtype=real),
         lamp: Lamp,
     ):
@@ -184,7 +186,7 @@ def make_composed(halves):
                 if q[3] > real(0.0):
                     A = absorbed(q[3] * step)
                     if wp.static(lighted):
-                        t = times[0, 0, l] + wp.float64(real(n) * step)
+                        t = times[0, l] + wp.float64(real(n) * step)
                         start = lamp.light
                         if wp.abs(lamp.shone - t) > wp.float64(wp.static(NEAR)):
                             start = shine(scene, lamp, t)
@@ -197,7 +199,7 @@ def make_composed(halves):
                     ray = over(ray, widened(q))
                 if wp.static(traced):
                     whole = wp.float64(error * w * w)
-                    t = times[0, 0, l] + wp.float64(real(n) * step)
+                    t = times[0, l] + wp.float64(real(n) * step)
                     record(scene, count, t, wp.vec3d(wp.float64(step), whole, whole * wp.float64(w)), ray)
                 count += 1
                 n += 1
@@ -242,7 +244,7 @@ def make_walked(halves):
             lamp.direction = direction
             lamp.eye = eye_of(scene, vec3(direction))
             lamp.shone = -wp.float64(1.0)
-        times = wp.zeros(shape=(1, 2, PACKET), dtype=wp.float64)
+        times = wp.zeros(shape=(1, PACKET), dtype=wp.float64)
         cubic = wp.zeros(shape=(7, PACKET), dtype=real)
         w = enter(scene.field.last, origin, direction, start)
         stop = wp.min(stop, w.out)
@@ -257,7 +259,7 @@ def make_walked(halves):
                     p = origin + (cells.start[l] + h) * direction
                     p -= wp.vec3d(wp.float64(i), wp.float64(j), wp.float64(k))
                     m = centered(scene.field, i, j, k, p, direction, h)
-                    times[0, 0, l] = cells.start[l]
+                    times[0, l] = cells.start[l]
                     cubic[1, l] = real(m[0] + m[2] * wp.float64(wp.static(1.0 / 3.0)))
                     cubic[2, l] = real(m[1])
                     cubic[3, l] = real(m[2])
@@ -273,7 +275,8 @@ def make_walked(halves):
 def make_packed(halves):
     """The same in single precision, where cubics are computed in vectors."""
     Scene = halves.Scene
-    begin, stride, more = make_strides(CELLS)
+    begin, stride, more, _ = make_strides(CELLS)
+    placed = make_placed(True)
     cubics = halves.field.cubics(True, CELLS)
     eye_of = make_shading(halves).eye
     Lamp, composed = make_composed(halves)
@@ -288,16 +291,18 @@ def make_packed(halves):
             lamp.direction = direction
             lamp.eye = eye_of(scene, wp.vec3(direction))
             lamp.shone = -wp.float64(1.0)
-        state = wp.zeros(shape=(1, 20), dtype=wp.float64)
-        cells = wp.zeros(shape=(1, CELLS), dtype=wp.uint64)
-        times = wp.zeros(shape=(1, 2, CELLS), dtype=wp.float64)
+        state = wp.zeros(shape=(1, STATE), dtype=wp.float64)
+        cells = wp.zeros(shape=(ROOM,), dtype=wp.uint64)
+        times = wp.zeros(shape=(2, ROOM), dtype=wp.float64)
+        where = wp.zeros(shape=(7, ROOM), dtype=wp.float32)
         cubic = wp.zeros(shape=(7, CELLS), dtype=wp.float32)
         going = begin(scene.field.last, origin, direction, start, stop, state, 0)
         while going and ray[3] <= scene.opaque:
-            n = stride(scene.blocks, scene.march.octants, start, state, cells, times, 0)
+            n = stride(scene.blocks, scene.march.octants, state, wp.vec2i(0, -1), cells, times, 0)
             going = more(state, 0)
             if n > 0:
-                cubics(scene.field, origin, direction, cells, times, 0, n, cubic)
+                placed(origin, direction, cells, times, 0, n, where)
+                cubics(scene.field, cells, where, 0, n, cubic)
                 ray, count, lamp = composed(scene, ray, count, n, times, cubic, lamp)
         return ray, count, wp.float64(0.0)
 

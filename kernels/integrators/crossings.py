@@ -14,14 +14,15 @@ from ..transfer.function import make_transfer
 from ..transfer.rows import Rows
 from ..vectors import VECTORS
 from .packet import COLUMNS, FADING, SERIES
-from .single import CELLS, SERIES_ULPS, U
+from .pieces import VALUE
+from .single import SERIES_ULPS, U
 
 # Cells at a time.
 JOBS = 256
 # Rounding of a scalar on a part, of how it is evaluated and of where it turns, in parts of its coefficients (S13).
 RIPPLE = 2.0**-46
 # Newton's method ends where a residual is so little, in parts of the scalars of a part.
-CLOSE = 1e-9
+CLOSE = 1e-11
 # Rounding of a piece's numbers to single precision (S14), and of what a part comes to, in parts of its opacity (S15).
 ROUNDED = 2 * U
 ADDED = 64 * U
@@ -38,13 +39,15 @@ struct Part {
     double m0, m1, m2, m3, h, begin, end;  // a cubic in v from -1 to 1, half the length, the scalar at its ends
     int first, last, job;  // the first and the last interval, and the cell
     bool inside;  // it ends in the last
+    float blur;  // rounding of the scalar
     float x, A, color[3], e, pieces;
 };
 const float* __restrict table = rows.row.data;
 const double* __restrict knots = rows.knots.data;
 const int *__restrict seen = transfer.visible.data, *__restrict bins = rows.bins.data;
 const auto *__restrict values = transfer.value.data, *__restrict slopes = transfer.slope.data;
-int* some = which.data;
+int *some = which.data, *rays = some + which.shape[1];
+const int64_t wide = found.shape[1];
 const int outer = rows.fitted - 1, nbins = rows.bins.shape[0];
 const float bright = spend[2], share = spend[0] - (ADDED) * bright, absolute = spend[1];
 const double low = rows.low, scale = rows.scale;
@@ -57,11 +60,14 @@ auto interval = [&](double s) -> int {
     return k;
 };
 Part parts[3 * JOBS];
+float unseen[JOBS];  // bounds on what is not visited
 int number = 0;
 const int n = some[0];
 const double* of = cubic.data;
 for (int j = 0; j < n; ++j) {
     const double m0 = of[j], m1 = of[JOBS + j], m2 = of[2 * JOBS + j], m3 = of[3 * JOBS + j], half = of[4 * JOBS + j];
+    const float blur = (float)of[5 * JOBS + j];
+    unseen[j] = 0.0f;
     if (!(fabs(m0) + fabs(m1) + fabs(m2) + fabs(m3) < 1e300)) continue;
     double turn[3];
     int turns = 0;
@@ -94,9 +100,24 @@ for (int j = 0; j < n; ++j) {
         const int a = interval(p.begin), b = interval(p.end), s = p.end > p.begin ? 1 : -1;
         int first = a, last = b;
         while (s * (b - first) >= 0 && seen[first] != first) first += s;
-        if (s * (b - first) < 0) continue;
-        while (seen[last] != last) last -= s;
-        p.first = first == a ? a : first - s;
+        // Whether an interval with nothing to see is to be visited: what rounding takes beyond it counts, if it can.
+        auto missed = [&](int k) -> bool {
+            const float slope = table[16 * k + 11];
+            if (blur > 0.0f && slope < __builtin_inff()) unseen[j] += 2.0f * bright * (float)(w * half) * blur * slope;
+            return blur > 0.0f && !(slope < __builtin_inff());
+        };
+        if (s * (b - first) < 0) {
+            const bool before = missed(a), behind = missed(b);
+            if (!before && !behind) continue;
+            first = last = before ? a : b;
+        } else {
+            while (seen[last] != last) last -= s;
+            first = first == a ? a : first - s;
+            if (first != a && missed(a)) first = a;
+            if (last != b && missed(b)) last = b;
+        }
+        p.blur = blur;
+        p.first = first;
         p.last = last;
         p.inside = last == b;
         ++number;
@@ -108,7 +129,7 @@ CROSSINGS = """
 // Sixteen of them at a time: where each has got to, how far it may go at once, and what it has come to.
 alignas(64) double m[4][16] = {}, half[16] = {}, begin[16] = {}, end[16] = {}, sign[16], at[16], room[16], off_knot[16];
 alignas(64) double sum[5][16];
-alignas(64) float error[16], pieces_of[16];
+alignas(64) float error[16], pieces_of[16], blur[16] = {};
 alignas(64) int k[16] = {}, last[16] = {}, inside[16] = {}, steps[16], part[16];
 int next = 0, busy = 0;
 auto take = [&](int l) {
@@ -121,6 +142,7 @@ auto take = [&](int l) {
     m[0][l] = used * p.m0; m[1][l] = used * p.m1; m[2][l] = used * p.m2; m[3][l] = used * p.m3;
     half[l] = used * p.h; begin[l] = used * p.begin; end[l] = used * p.end;
     sign[l] = p.end > p.begin ? 1.0 : -1.0;
+    blur[l] = idle ? 0.0f : p.blur;
     at[l] = -1.0; room[l] = 2.0; off_knot[l] = 0.0;
     k[l] = p.first; last[l] = idle ? p.first : p.last; inside[l] = -(int)(idle | p.inside); steps[l] = 0;
     for (int i = 0; i < 5; ++i) sum[i][l] = 0.0;
@@ -139,9 +161,10 @@ while (busy) {
 #define HALF(a) (*(const vd*)(a + 8 * b))
 #define HALF_OF(a) (*(vd*)(a + 8 * b))
 #define MASK(a) __builtin_convertvector(*(const v8i*)((const int*)&a + 8 * b), vq)
+#define EACH for (int b = 0; b < 2; ++b)
     const vi on_last = *(const vi*)k == *(const vi*)last, ends = on_last & *(const vi*)inside;
     vd v[2], F[2], stop[2];
-    for (int b = 0; b < 2; ++b) {
+    EACH {
         // From a parabola that has the slope at the start, and both ends.
         const vd a = HALF(begin), s1 = HALF(m[1]) - 2.0 * HALF(m[2]) + 3.0 * HALF(m[3]);
         const vd rise = HALF(exit) - a, square = s1 * s1 + (HALF(end) - a - 2.0 * s1) * rise;
@@ -149,29 +172,29 @@ while (busy) {
         v[b] = MASK(ends) ? (vd){} + 1.0 : MIN(MAX(2.0 * rise / slope - 1.0, HALF(at)), (vd){} + 1.0);
     }
     for (int i = 0;; ++i) {
-        vq far[2];
-        for (int b = 0; b < 2; ++b) {
+        vq far[2], any = {};
+        EACH {
             const vd m1 = HALF(m[1]), m2 = HALF(m[2]), m3 = HALF(m[3]);
             F[b] = MASK(ends) ? (vd){} : (HALF(m[0]) - HALF(exit)) + v[b] * (m1 + v[b] * (m2 + v[b] * m3));
-            far[b] = ABSD(F[b]) > CLOSE * ABSD(HALF(end) - HALF(begin));
+            any |= far[b] = ABSD(F[b]) > CLOSE * ABSD(HALF(end) - HALF(begin));
         }
-        if (!__builtin_reduce_or(far[0] | far[1]) || i == 6) break;
-        for (int b = 0; b < 2; ++b) {
+        if (!__builtin_reduce_or(any) || i == 6) break;
+        EACH {
             const vd slope = HALF(m[1]) + v[b] * (2.0 * HALF(m[2]) + v[b] * (3.0 * HALF(m[3])));
             v[b] = far[b] ? MIN(MAX(v[b] - F[b] / slope, HALF(at)), (vd){} + 1.0) : v[b];
         }
     }
     // The piece up to there, or as far as the lane may go.
+    alignas(64) float n[9][16], most[16], worst[16];
     vf c[8], color[8];
     columns(table, k, c);
     columns(table + 8, k, color);
-    v8f n8[9][2];
-    for (int b = 0; b < 2; ++b) {
+    EACH {
         const vd m1 = HALF(m[1]), m2 = HALF(m[2]), m3 = HALF(m[3]), from = HALF(at);
         stop[b] = MIN(v[b], from + HALF(room));
         const vd w = 0.5 * (stop[b] - from), mid = 0.5 * (stop[b] + from), bend = m2 + 3.0 * mid * m3;
         const vd n2 = w * w * bend, mean = HALF(m[0]) + mid * (m1 + mid * (m2 + mid * m3)) + n2 * (1.0 / 3);
-#define NARROW(i, a) n8[i][b] = __builtin_convertvector(a, v8f)
+#define NARROW(i, a) *(v8f*)(n[i] + 8 * b) = __builtin_convertvector(a, v8f)
         NARROW(0, w * (m1 + mid * (m2 + bend)));
         NARROW(1, n2);
         NARROW(2, w * w * w * m3);
@@ -182,30 +205,32 @@ while (busy) {
         NARROW(7, 2.0 * w * HALF(half) * (HALF(value) + (mean - HALF(knot)) * HALF(rate)));
         NARROW(8, w * HALF(half) * HALF(rate));
     }
-#define WHOLE(i) JOIN(n8[i][0], n8[i][1])
-    const vf m1 = WHOLE(0), m2 = WHOLE(1), m3 = WHOLE(2), h = WHOLE(3), off = WHOLE(4), astray = WHOLE(5);
+#define WHOLE(i) (*(const vf*)n[i])
+    const vf m1 = WHOLE(0), m2 = WHOLE(1), m3 = WHOLE(2), h = WHOLE(3), off = WHOLE(4);
+    const vf rounded = *(const vf*)blur, astray = WHOLE(5) + rounded;
     const vf steep = c[7], L = h + h, R = ABS(m1) + ABS(m2) * (2.0f / 3) + ABS(m3);
     const vf ww = m1 * (m1 * (2.0f / 3) + m3 * 0.8f) + m2 * m2 * (8.0f / 45) + m3 * m3 * (2.0f / 7);
-    const vf line = WHOLE(7), x = MAX(line, zero), g = WHOLE(8);
-    const Thin thin = series(m1, m2, m3, ww, x, g);
+    const vf line = WHOLE(7), x = MAX(line, zero), slope = WHOLE(8);
+    const Thin thin = series(m1, m2, m3, ww, x, slope);
     // What the series leaves out: by theorem 2 or theorem 3 of the proof.
-    const vf a = 0.5f * x, G = ABS(g) * R;
+    const vf a = 0.5f * x, G = ABS(slope) * R;
     const vf closer = R * G * (a * (a + G) + G * G) * 0.33334f + a * a * a * (0.0889f * ABS(m2) + 0.08334f * R * a);
     // What it is off by (S13, S14).
-    const vf delta = (ABS(off) + R) * (ROUNDED), over = astray * color[3];
+    const vf delta = (ABS(off) + R) * (ROUNDED) + rounded;
+    const vf over = astray * color[3] + (VALUE) * (ABS(c[2]) + ABS(c[3]) * c[1]);
     const vf d = line < 0.0f ? over + over : over;
     const vf e = 1.00001f * ((bright + 3.3f * steep * R) * (L * d) + bright * WHOLE(6) * over
         + thin.A * (bright * (OPACITY_ULPS) + c[6] + steep * delta + astray * color[7])
         + steep * (MIN(R * thin.rest, closer) + (SERIES_ULPS) * R * (G + a)));
-    const vf most = share * thin.A + absolute * L + (LITTLE) * bright;
-    const vi good = (e <= most) & (astray <= rows.narrow);
+    *(vf*)most = share * thin.A + absolute * L + (LITTLE) * bright;
+    *(vf*)worst = e;
+    const vi good = (e <= *(const vf*)most) & (astray <= rows.narrow);
     // Behind what there is of the part (S15).
     auto add = [&](int i, vf a) {
-        for (int b = 0; b < 2; ++b)
-            HALF_OF(sum[i]) += __builtin_convertvector(*(const v8f*)((const float*)&a + 8 * b), vd);
+        EACH HALF_OF(sum[i]) += __builtin_convertvector(*(const v8f*)((const float*)&a + 8 * b), vd);
     };
     v8f front[2];
-    for (int b = 0; b < 2; ++b) front[b] = __builtin_convertvector(HALF(sum[0]), v8f);
+    EACH front[b] = __builtin_convertvector(HALF(sum[0]), v8f);
     const vf T = fading(JOIN(front[0], front[1])), TA = good ? T * thin.A : zero;
     const vf TV = good ? T * thin.V + TA * off : zero;
     add(0, good ? x : zero);
@@ -214,24 +239,20 @@ while (busy) {
     *(vf*)error += good ? T * e : zero;
     *(vf*)pieces_of += good ? zero + 1.0f : zero;
     // On to the next interval, or the next step in this one.
-    vi reached;
-    for (int b = 0; b < 2; ++b)
-        *(v8i*)((int*)&reached + 8 * b) = __builtin_convertvector(stop[b] == v[b], v8i);
-    reached &= good;
-    for (int b = 0; b < 2; ++b) {
-        HALF_OF(at) = MASK(good) ? stop[b] : HALF(at);
-        HALF_OF(off_knot) = MASK(reached) ? ABSD(F[b]) : MASK(good) ? (vd){} : HALF(off_knot);
-        HALF_OF(room) = MASK(reached) ? (vd){} + 2.0 : HALF(room);
+    alignas(64) int on[16];
+    EACH {
+        const vq fine = MASK(good), reached = (stop[b] == v[b]) & fine;
+        HALF_OF(at) = fine ? stop[b] : HALF(at);
+        HALF_OF(off_knot) = reached ? ABSD(F[b]) : fine ? (vd){} : HALF(off_knot);
+        HALF_OF(room) = reached ? (vd){} + 2.0 : HALF(room);
+        *(v8i*)(on + 8 * b) = __builtin_convertvector(reached, v8i);
+        const vq way = __builtin_convertvector(HALF(sign), vq) & ~MASK(on_last);
+        *(v8i*)(k + 8 * b) += __builtin_convertvector(reached & way, v8i);
     }
     *(vi*)steps += 1;
-    const vi done = reached & on_last, stuck = ~good | (*(vi*)steps > STEPS);
-    alignas(64) int turn[16];
-    for (int b = 0; b < 2; ++b)
-        *(v8i*)(turn + 8 * b) = __builtin_convertvector(HALF(sign), v8i);
-    *(vi*)k += reached & ~done & *(vi*)turn;
-    if (!__builtin_reduce_or(done | stuck)) continue;
-    for (int l = 0; l < 16; ++l) {
-        if (!(done[l] | stuck[l]) || part[l] < 0) continue;
+    const vi done = *(const vi*)on & on_last, stuck = ~good | (*(const vi*)steps > STEPS);
+    for (unsigned some = bits((done | stuck) & (*(const vi*)part >= 0)); some; some &= some - 1) {
+        const int l = __builtin_ctz(some);
         Part& p = parts[part[l]];
         if (done[l]) {
             p.x = (float)sum[0][l]; p.A = (float)sum[1][l]; p.pieces = pieces_of[l];
@@ -239,7 +260,7 @@ while (busy) {
             p.e = error[l] + bright * (ADDED) * p.A;
         } else {
             // So much of it that it will do, or it is left to others.
-            const float part_of = 0.9f * cbrtf(most[l] / e[l]);
+            const float part_of = 0.9f * cbrtf(most[l] / worst[l]);
             if (steps[l] <= STEPS && part_of > 1.0f / 64) {
                 room[l] = part_of * (stop[l >> 3][l & 7] - at[l]);
                 continue;
@@ -253,25 +274,28 @@ while (busy) {
 // The parts of a cell one behind the other.
 int total = 0;
 for (int j = 0; j < n; ++j) {
-    const int ray = some[1 + j] / CELLS, l = some[1 + j] % CELLS;
-    float* to = found.data + 6 * ray * CELLS + l;
-    for (int i = 0; i < 6; ++i) to[i * CELLS] = 0.0f;
-    *(row.data + ray * CELLS + l) = -1;
+    const int cell = some[1 + j];
+    float* to = found.data + cell;
+    for (int i = 0; i < 6; ++i) to[i * wide] = i == 4 ? unseen[j] : 0.0f;
+    *(row.data + cell) = -1;
 }
 for (int i = 0; i < number; ++i) {
     const Part& p = parts[i];
-    const int cell = some[1 + p.job], ray = cell / CELLS, l = cell % CELLS;
-    float* to = found.data + 6 * ray * CELLS + l;
-    const float T = 1.0f - to[CELLS];
+    const int cell = some[1 + p.job], ray = rays[1 + p.job];
+    float* to = found.data + cell;
+    const float T = 1.0f - to[wide];
     to[0] += p.x;
-    to[CELLS] += T * p.A;
-    to[2 * CELLS] += T * p.color[0];
-    to[3 * CELLS] += T * p.color[1];
-    to[4 * CELLS] += T * p.e;
-    to[5 * CELLS] += T * p.color[2];
+    to[wide] += T * p.A;
+    to[2 * wide] += T * p.color[0];
+    to[3 * wide] += T * p.color[1];
+    to[4 * wide] += T * p.e;
+    to[5 * wide] += T * p.color[2];
     if (p.pieces > 0.0f) *(pieces.data + ray) += (int)p.pieces;
     // What is left to others, each once.
-    if (p.pieces < 0.0f && (total == 0 || some[total] != cell)) some[++total] = cell;
+    if (p.pieces < 0.0f && (total == 0 || some[total] != cell)) {
+        some[++total] = cell;
+        rays[total] = ray;
+    }
 }
 some[0] = total;
 """
@@ -281,9 +305,9 @@ some[0] = total;
 def make_crossings():
     """``cut(rows, transfer, spend, cubic, which, found, row, pieces)``.
 
-    ``which`` has how many cells, and which they are, counted through all rays': in the end, those that are left to
-    others. ``cubic`` (5, JOBS) is as of ``field.cubics.make_centered``; ``rows``, ``spend``, ``found`` and ``row`` are
-    as of ``single``, where it puts what they are; ``pieces`` counts those of each ray.
+    ``which`` (2, n) has how many cells and which they are, and behind that their rays: in the end, of those that are
+    left to others. ``cubic`` (6, JOBS) is as of ``field.cubics.make_centered``; ``rows``, ``spend``, ``found`` and
+    ``row`` are as of ``single``, where it puts what they are; ``pieces`` counts those of each ray.
     """
     Transfer, _, _ = make_transfer(wp.float64)
     text = PARTS + CROSSINGS
@@ -293,10 +317,11 @@ def make_crossings():
         "ROUNDED": ROUNDED,
         "ADDED": ADDED,
         "LITTLE": LITTLE,
+        "VALUE": VALUE,
     }
     for name, value in numbers.items():
         text = text.replace(name, f"{value!r}f")
-    for name, value in {"RIPPLE": RIPPLE, "CLOSE": CLOSE, "STEPS": STEPS, "JOBS": JOBS, "CELLS": CELLS}.items():
+    for name, value in {"RIPPLE": RIPPLE, "CLOSE": CLOSE, "STEPS": STEPS, "JOBS": JOBS}.items():
         text = text.replace(name, repr(value))
 
     @wp.func_native(VECTORS + FADING + SERIES + COLUMNS + text)
@@ -305,9 +330,9 @@ def make_crossings():
         transfer: Transfer,
         spend: wp.vec3,
         cubic: wp.array2d(dtype=wp.float64),
-        which: wp.array(dtype=int),
-        found: wp.array3d(dtype=wp.float32),
-        row: wp.array2d(dtype=int),
+        which: wp.array2d(dtype=int),
+        found: wp.array2d(dtype=wp.float32),
+        row: wp.array(dtype=int),
         pieces: wp.array(dtype=int),
     ): ...
 

@@ -9,7 +9,8 @@ from functools import cache
 
 import warp as wp
 
-from ..field.strides import make_gathered, make_strides
+from ..field.cubics import make_placed
+from ..field.strides import STATE, make_gathered, make_strides
 from ..ray import FAR
 from ..transfer.function import make_transfer
 from .crossings import JOBS, make_crossings
@@ -119,132 +120,146 @@ def make_rays(halves, rays):
     Scene = halves.Scene
     sharp = halves.march.sharp
     double = make_double(halves)
-    begin, stride, more = (make_strides if halves.march.ticks and halves.vectors else make_gathered)(CELLS)
+    begin, stride, more, many = (make_strides if halves.march.ticks and halves.vectors else make_gathered)(CELLS)
+    placed = make_placed(halves.vectors)
     cubics = halves.field.cubics(halves.vectors, CELLS)
-    measure, compose = make_packet() if halves.vectors else make_single()
-    # What rounding does to a scalar beside jumps and on steep slopes is counted in double precision only.
-    lanes = halves.vectors and not sharp
-    centered = halves.field.centered_of(CELLS)
+    measure, compose, failing = make_packet() if halves.vectors else make_single()
+    centered = halves.field.centered_of()
     cut = make_crossings()
+    room = rays * CELLS + LANES
 
-    sizes = (160 * rays, 8 * CELLS * rays, 16 * CELLS * rays, 24 * CELLS * rays, 4 * CELLS * rays)
-    sizes += (28 * CELLS, 64 + 4 * JOBS, 40 * JOBS)
+    sizes = (8 * STATE * rays, 8 * room, 16 * room, 28 * room, 24 * room, 4 * room, 28 * CELLS, 8 + 8 * JOBS, 48 * JOBS)
     at = wp.constant(wp.types.vector(len(sizes), int)(*(sum(sizes[:n]) for n in range(len(sizes)))))
     assert sum(sizes) <= SCRATCH
 
     @wp.func
     def march(scene: Scene, lines: wp.array2d(dtype=real), results: wp.array2d(dtype=real)):
         one = real(1.0)
-        # Of each ray its walk, the cells that it found, how many, and how many of those are composed.
-        state = wp.array(ptr=scene.march.scratch + wp.uint64(at[0]), shape=(rays, 20), dtype=real)
-        cells = wp.array(ptr=scene.march.scratch + wp.uint64(at[1]), shape=(rays, CELLS), dtype=wp.uint64)
-        times = wp.array(ptr=scene.march.scratch + wp.uint64(at[2]), shape=(rays, 2, CELLS), dtype=real)
-        found = wp.array(ptr=scene.march.scratch + wp.uint64(at[3]), shape=(rays, 6, CELLS), dtype=wp.float32)
-        row = wp.array(ptr=scene.march.scratch + wp.uint64(at[4]), shape=(rays, CELLS), dtype=int)
-        bad = wp.zeros(shape=(rays,), dtype=wp.uint64)
-        sums = wp.zeros(shape=(rays, 5), dtype=real)
-        number = wp.zeros(shape=(rays,), dtype=int)
-        done = wp.zeros(shape=(rays,), dtype=int)
-        going = wp.zeros(shape=(rays,), dtype=int)
-        waiting = wp.zeros(shape=(rays,), dtype=int)
-        counts = wp.zeros(shape=(rays,), dtype=int)
-        cubic = wp.array(ptr=scene.march.scratch + wp.uint64(at[5]), shape=(7, CELLS), dtype=wp.float32)
+        state = wp.array(ptr=scene.march.scratch + wp.uint64(at[0]), shape=(rays, STATE), dtype=real)
+        # Cells of all rays, one behind the other.
+        cells = wp.array(ptr=scene.march.scratch + wp.uint64(at[1]), shape=(room,), dtype=wp.uint64)
+        times = wp.array(ptr=scene.march.scratch + wp.uint64(at[2]), shape=(2, room), dtype=real)
+        where = wp.array(ptr=scene.march.scratch + wp.uint64(at[3]), shape=(7, room), dtype=wp.float32)
+        found = wp.array(ptr=scene.march.scratch + wp.uint64(at[4]), shape=(6, room), dtype=wp.float32)
+        row = wp.array(ptr=scene.march.scratch + wp.uint64(at[5]), shape=(room,), dtype=int)
+        cubic = wp.array(ptr=scene.march.scratch + wp.uint64(at[6]), shape=(7, CELLS), dtype=wp.float32)
         # And those that are cut.
-        whose = wp.array(ptr=scene.march.scratch + wp.uint64(at[6]), shape=(1 + JOBS,), dtype=int)
-        middle = wp.array(ptr=scene.march.scratch + wp.uint64(at[7]), shape=(5, JOBS), dtype=real)
+        which = wp.array(ptr=scene.march.scratch + wp.uint64(at[7]), shape=(2, 1 + JOBS), dtype=int)
+        middle = wp.array(ptr=scene.march.scratch + wp.uint64(at[8]), shape=(6, JOBS), dtype=real)
+        # Of each ray what it comes to, whether it goes on, which of its cells are next, and what it counts.
+        sums = wp.zeros(shape=(rays, 5), dtype=real)
+        going = wp.zeros(shape=(rays,), dtype=int)
+        begins = wp.zeros(shape=(rays,), dtype=int)
+        ends = wp.zeros(shape=(rays,), dtype=int)
+        counts = wp.zeros(shape=(rays,), dtype=int)
         spend = wp.vec3(wp.float32(scene.march.cell), wp.float32(scene.march.along), wp.float32(scene.march.brightest))
-        # Further than what single precision has room for (S1): all is in double, which counts it.
+        # Further than what single precision has room for (S1): all is cut or in double, which counts it.
         astray = bool(False)
+        # Rounding of a scalar and of the place that it is taken at, where it does not count for the ray as a whole.
+        ulps = wp.vec2d()
         if wp.static(sharp):
+            ulps = wp.vec2d(scene.march.ulps[0], scene.march.ulps[1] + real(3.0) * scene.view.astray)
             astray = scene.view.astray > real(ASTRAY)
         last = int(rays)
+        pairs = (last + 1) // 2
         for r in range(last):
             if lines[r, 7] > lines[r, 6]:
                 origin = wp.vec3d(lines[r, 0], lines[r, 1], lines[r, 2])
                 d = wp.vec3d(lines[r, 3], lines[r, 4], lines[r, 5])
                 if begin(scene.field.last, origin, d, lines[r, 6], lines[r, 7], state, r):
                     going[r] = 1
-        m = int(1)
-        while m > 0:
-            # Each ray goes on until it has cells that are to be cut, or ends.
-            m = int(0)
-            for r in range(last):
-                origin = wp.vec3d(lines[r, 0], lines[r, 1], lines[r, 2])
-                d = wp.vec3d(lines[r, 3], lines[r, 4], lines[r, 5])
-                n = done[r]
-                end = number[r]
-                T = one - sums[r, 3]
-                clear = lines[r, 8]
-                waits = bool(False)
-                ready = bool(waiting[r] != 0)
-                while T >= clear and not waits and (n < end or going[r] != 0):
-                    if n >= end:
-                        counts[r] = counts[r] + end
-                        n = 0
-                        end = stride(scene.blocks, scene.march.octants, lines[r, 6], state, cells, times, r)
+        total = int(1)
+        while total > 0:
+            # The next cells of all rays that go on.
+            total = int(0)
+            for i in range(pairs):
+                # Of two rays at a time.
+                pair = wp.vec2i(-1, -1)
+                for r in range(2 * i, wp.min(2 * i + 2, last)):
+                    if going[r] != 0 and one - sums[r, 3] >= lines[r, 8]:
+                        pair[wp.where(pair[0] < 0, 0, 1)] = r
+                if pair[0] >= 0:
+                    stride(scene.blocks, scene.march.octants, state, pair, cells, times, total)
+                for r in range(2 * i, wp.min(2 * i + 2, last)):
+                    begins[r] = total
+                    if r == pair[0] or r == pair[1]:
                         going[r] = wp.where(more(state, r), 1, 0)
-                        bad[r] = wp.uint64(0)
-                        if end > 0:
-                            cubics(scene.field, origin, d, cells, times, r, end, cubic)
-                            some = wp.vec2i(r, end)
-                            bad[r] = measure(scene.march.rows, scene.blocks, spend, cells, some, cubic, found, row)
-                        if astray:
-                            bad[r] = ~wp.uint64(0)
-                    if n < end and not ready:
-                        these = (bad[r] >> wp.uint64(n)) & wp.uint64(wp.static(2**LANES - 1))
-                        if these != wp.uint64(0):
+                        n = many(state, r)
+                        if n > 0:
+                            origin = wp.vec3d(lines[r, 0], lines[r, 1], lines[r, 2])
+                            d = wp.vec3d(lines[r, 3], lines[r, 4], lines[r, 5])
+                            placed(origin, d, cells, times, total, n, where)
+                            total += n
+                    ends[r] = total
+            for first in range(0, total, CELLS):
+                n = wp.min(total - first, CELLS)
+                cubics(scene.field, cells, where, first, n, cubic)
+                measure(scene.march.rows, scene.blocks, spend, cells, wp.vec2i(first, n), cubic, found, row)
+            if astray:
+                for l in range(total):
+                    row[l] = wp.min(row[l], -2 - row[l])
+            m = int(1)
+            while m > 0:
+                # Each goes on until some of its next cells are to be cut.
+                m = int(0)
+                for r in range(last):
+                    n = begins[r]
+                    clear = lines[r, 8]
+                    waits = bool(False)
+                    while n < ends[r] and not waits and one - sums[r, 3] >= clear:
+                        n = compose(scene.march.rows, found, row, wp.vec3i(r, n, ends[r]), clear, sums)
+                        T = one - sums[r, 3]
+                        if n < ends[r] and T >= clear:
                             # What the ray was allowed so far and has not spent.
-                            left = scene.march.cell * sums[r, 3] + scene.march.along * (times[r, 0, n] - lines[r, 6])
+                            left = scene.march.cell * sums[r, 3] + scene.march.along * (times[0, n] - lines[r, 6])
                             left = real(0.999) * (left - sums[r, 4]) / T
                             if astray:
                                 left = -FAR
-                            l = int(n)
-                            while these != wp.uint64(0) and l < end:
-                                if (these & wp.uint64(1)) != wp.uint64(0):
-                                    long = times[r, 1, l] - times[r, 0, l]
-                                    share = scene.march.cell * real(found[r, 1, l]) + scene.march.along * long
-                                    over = real(found[r, 4, l]) - share
-                                    if over <= real(LEFT) * left:
-                                        left -= over
-                                    else:
-                                        m += 1
-                                        whose[m] = r * CELLS + l
-                                        waits = True
-                                these = these >> wp.uint64(1)
-                                l += 1
-                    ready = bool(False)
-                    if n < end and not waits:
-                        compose(scene.march.rows, found, row, r, n, sums)
-                        n += LANES
-                        T = one - sums[r, 3]
-                waiting[r] = wp.where(waits, 1, 0)
-                done[r] = n
-                number[r] = end
-            whose[0] = m
-            if wp.static(lanes):
-                if m > 0:
-                    centered(scene.field, lines, cells, times, whose, middle)
-                    cut(scene.march.rows, scene.transfer, spend, middle, whose, found, row, counts)
-            for i in range(whose[0]):
-                r = whose[i + 1] // CELLS
-                l = whose[i + 1] - r * CELLS
-                origin = wp.vec3d(lines[r, 0], lines[r, 1], lines[r, 2])
-                d = wp.vec3d(lines[r, 3], lines[r, 4], lines[r, 5])
-                segment, error, pieces = double(scene, origin, d, cells[r, l], times[r, 0, l], times[r, 1, l])
-                A = wp.min(segment[3], one)
-                found[r, 0, l] = depth_of(A)
-                found[r, 1, l] = wp.float32(A)
-                found[r, 2, l] = wp.float32(segment[0])
-                found[r, 3, l] = wp.float32(segment[1])
-                found[r, 4, l] = wp.float32(error)
-                found[r, 5, l] = wp.float32(segment[2])
-                row[r, l] = -1
-                counts[r] = counts[r] + pieces
+                            stop = wp.min(n + LANES, ends[r])
+                            l = failing(row, n, stop)
+                            while l < stop:
+                                share = scene.march.cell * real(found[1, l])
+                                share += scene.march.along * (times[1, l] - times[0, l])
+                                over = real(found[4, l]) - share
+                                if over <= real(LEFT) * left:
+                                    left -= over
+                                    row[l] = -2 - row[l]
+                                else:
+                                    m += 1
+                                    which[0, m] = l
+                                    which[1, m] = r
+                                    waits = True
+                                l = failing(row, l + 1, stop)
+                    counts[r] = counts[r] + n - begins[r]
+                    begins[r] = n
+                which[0, 0] = m
+                if wp.static(halves.vectors):
+                    if m > 0:
+                        centered(scene.field, lines, cells, times, which, ulps, middle)
+                        cut(scene.march.rows, scene.transfer, spend, middle, which, found, row, counts)
+                for i in range(which[0, 0]):
+                    l = which[0, i + 1]
+                    r = which[1, i + 1]
+                    origin = wp.vec3d(lines[r, 0], lines[r, 1], lines[r, 2])
+                    d = wp.vec3d(lines[r, 3], lines[r, 4], lines[r, 5])
+                    segment, error, pieces = double(scene, origin, d, cells[l], times[0, l], times[1, l])
+                    A = wp.min(segment[3], one)
+                    found[0, l] = depth_of(A)
+                    found[1, l] = wp.float32(A)
+                    found[2, l] = wp.float32(segment[0])
+                    found[3, l] = wp.float32(segment[1])
+                    found[4, l] = wp.float32(error)
+                    found[5, l] = wp.float32(segment[2])
+                    row[l] = -1
+                    counts[r] = counts[r] + pieces
+            for r in range(last):
+                if begins[r] < ends[r]:
+                    # It ended before them.
+                    going[r] = 1
         for r in range(last):
             T = one - sums[r, 3]
-            counts[r] = counts[r] + wp.min(done[r], number[r])
             bound = sums[r, 4] + sums[r, 3] * scene.march.tinted + real(counts[r]) * scene.march.sum
-            if going[r] != 0 or done[r] < number[r] or (wp.static(halves.cuts.any) and T < lines[r, 8]):
+            if going[r] != 0 or (wp.static(halves.cuts.any) and T < lines[r, 8]):
                 # What is behind is not visited; nor is, of a ray that is cut, what is behind this stretch.
                 bound += wp.max(T, real(0.0)) * scene.march.brightest
             if scene.stretch == 0:

@@ -85,20 +85,19 @@ const float* __restrict table = rows.row.data;
 const int* __restrict bins = rows.bins.data;
 const double* __restrict knots = rows.knots.data;
 const int16_t* __restrict kinds = blocks.kinds.data;
-const int ray = some[0], n = some[1], nbins = rows.bins.shape[0], levels = rows.levels, fitted = rows.fitted;
+const int nbins = rows.bins.shape[0], levels = rows.levels, fitted = rows.fitted;
 const float share = spend[0], absolute = spend[1], bright = spend[2];
-const uint64_t* __restrict place = cells.data + ray * CELLS;
-const int padded = (n + 15) & -16;
-uint64_t bad = 0;
+const uint64_t* __restrict place = cells.data + some[0];
+const int64_t room = found.shape[1];
 int last = -1;
-for (int u = 0; u < padded; u += 16) {
+for (int u = 0; u < some[1]; u += 16) {
     const float* of = cubic.data + u;
     const vf base = *(const vf*)of, mean = *(const vf*)(of + CELLS), m1 = *(const vf*)(of + 2 * CELLS);
     const vf m2 = *(const vf*)(of + 3 * CELLS), m3 = *(const vf*)(of + 4 * CELLS), h = *(const vf*)(of + 5 * CELLS);
     const vf blur = *(const vf*)(of + 6 * CELLS), L = h + h;
     const vf R = ABS(m1) + ABS(m2) * (2.0f / 3) + ABS(m3), s = base + mean;
-    int* r = row.data + ray * CELLS + u;
-    float* out = found.data + ray * 6 * CELLS + u;
+    int* r = row.data + some[0] + u;
+    float* out = found.data + some[0] + u;
     auto fit = [&]() -> vi {  // the smallest window that may hold the cell
         const vi j = MIN((((vi)MAX((R + blur) * rows.least, zero + 1.0f) + 0x7fffff) >> 23) - 127, (vi){} + levels);
         const vf q = MIN(MAX((s - rows.low) * rows.fine, zero), zero + (float)((1 << levels) - 1));
@@ -115,14 +114,14 @@ for (int u = 0; u < padded; u += 16) {
         center = c[0]; width = c[1]; t0 = c[2]; t1 = c[3]; t2 = c[4]; dt = c[5]; dc = c[6]; steep = c[7];
     };
     vf off, delta;
-    vi good;
+    vi good, crosses = {};
     // Whether rows hold all that cells see (S4).
     auto holds = [&]() {
         off = (base - center) + mean;
         delta = blur + ABS(off) * (OFFSET_ULPS);
         good = (ABS(off) + (R + delta) <= width) | !(h > 0.0f);
     };
-    auto all = [](vi g) -> bool { return __builtin_reduce_and(g) != 0; };
+    auto all = [&](vi g) -> bool { return bits(g) == 0xffff; };
     bool held = false;
     if (last >= 0) {  // as before
         spread(table + 16 * (int64_t)last);
@@ -141,6 +140,9 @@ for (int u = 0; u < padded; u += 16) {
         holds();
         last = same && all(good) ? r[0] : -1;
         if (!all(good)) {
+            // Those that end in another interval than their mean is in.
+            const vf far = off + m2 * (2.0f / 3), odd = m1 + m3;
+            crosses = (ABS(off) <= width) & (MAX(ABS(far + odd), ABS(far - odd)) > width + delta);
             *(vi*)r = good ? *(vi*)r : fit();
             fetch();
             holds();
@@ -167,19 +169,19 @@ for (int u = 0; u < padded; u += 16) {
         const vi none = !(h > 0.0f);
         const vi fine = (good & (e <= share * A + absolute * L)) | none;
         *(vf*)out = x;
-        *(vf*)(out + CELLS) = A;
-        *(vf*)(out + 2 * CELLS) = none ? zero : V;
-        *(vf*)(out + 3 * CELLS) = none ? zero : off;
-        *(vf*)(out + 4 * CELLS) = none ? zero : good ? e : zero + __builtin_inff();
+        *(vf*)(out + room) = A;
+        *(vf*)(out + 2 * room) = none ? zero : V;
+        *(vf*)(out + 3 * room) = none ? zero : off;
+        *(vf*)(out + 4 * room) = none ? zero : good ? e : zero + __builtin_inff();
         if (all(fine)) break;
         bool other = false;
         if (again) {
             // Of a block in one interval, or a cell of equal corners, all that is seen is in it (S4).
             alignas(64) int sure[16];
             *(vi*)sure = fine;
-            for (int l = 0; l < 16; ++l) {
-                if (sure[l]) continue;
-                const uint64_t q = place[u + l < n ? u + l : n - 1];
+            for (unsigned ask = bits(~(fine | crosses)); ask; ask &= ask - 1) {
+                const int l = __builtin_ctz(ask);
+                const uint64_t q = place[u + l];
                 int k = kinds[((q >> 44) * blocks.kinds.shape[1] + ((q >> 23) & 0x7ffff)) * blocks.kinds.shape[2]
                     + ((q >> 2) & 0x7ffff)];
                 if (k < 0) {
@@ -200,74 +202,92 @@ for (int u = 0; u < padded; u += 16) {
             }
         }
         if (other) continue;
-        const auto left = __builtin_convertvector(fine == 0, b16);
-        uint16_t bits;
-        __builtin_memcpy(&bits, &left, 2);
-        bad |= (uint64_t)bits << u;
+        // What is left to others.
+        *(vi*)r = fine ? *(vi*)r : -2 - *(vi*)r;
         break;
     }
 }
-return bad;
 """
 )
 
-# Sixteen cells, behind those that ``sums`` has.
+# Sixteen cells at a time, behind those that ``sums`` has.
 COMPOSE = (
     VECTORS
     + FADING
     + """
 const float* __restrict table = rows.row.data;
-const float* in = found.data + ray * 6 * CELLS + first;
-const int* r = row.data + ray * CELLS + first;
-const vf x = *(const vf*)in, A = *(const vf*)(in + CELLS), V = *(const vf*)(in + 2 * CELLS);
-const vf off = *(const vf*)(in + 3 * CELLS), e = *(const vf*)(in + 4 * CELLS);
-// Transparency before each: prefix sums of depth (S11).
-vf p = x;
-p += __builtin_shufflevector(p, zero, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14);
-p += __builtin_shufflevector(p, zero, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13);
-p += __builtin_shufflevector(p, zero, 16, 16, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11);
-p += __builtin_shufflevector(p, zero, 16, 16, 16, 16, 16, 16, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7);
-const vf T = fading(__builtin_shufflevector(p, zero, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14));
-auto sum = [](vf a) -> float {
-    const v8f b = __builtin_shufflevector(a, a, 0, 1, 2, 3, 4, 5, 6, 7)
-        + __builtin_shufflevector(a, a, 8, 9, 10, 11, 12, 13, 14, 15);
-    v4f c = __builtin_shufflevector(b, b, 0, 1, 2, 3) + __builtin_shufflevector(b, b, 4, 5, 6, 7);
-    c += __builtin_shufflevector(c, c, 2, 3, 0, 1);
-    return c[0] + c[1];
-};
-const vf TA = T * A, TV = T * V + TA * off;
-v4f color = {}, other = {};
-const vi k = *(const vi*)r;
-if (__builtin_reduce_and(k == k[0]) && k[0] >= 0) {
-    const float* a = table + 16 * (int64_t)k[0];
-    color = sum(TA) * *(const v4f*)(a + 8) + sum(TV) * *(const v4f*)(a + 12);
-} else {
-    alignas(64) float ta[16], tv[16], t[16];
-    *(vf*)ta = TA;
-    *(vf*)tv = TV;
-    *(vf*)t = T;
-    for (int l = 0; l < 16; l += 2) {
-        if (__builtin_expect((r[l] | r[l + 1]) >= 0, 1)) {
-            const float *a = table + 16 * (int64_t)r[l], *b = table + 16 * (int64_t)r[l + 1];
-            color += ta[l] * *(const v4f*)(a + 8) + tv[l] * *(const v4f*)(a + 12);
-            other += ta[l + 1] * *(const v4f*)(b + 8) + tv[l + 1] * *(const v4f*)(b + 12);
-        } else
-            for (int m = l; m < l + 2; ++m) {
-                const float* a = table + 16 * (int64_t)r[m];
-                // Of a cell that was cut, its colour is in place of what others have.
-                if (r[m] < 0) color += t[m] * (v4f){in[2 * CELLS + m], in[3 * CELLS + m], in[5 * CELLS + m], 0.0f};
-                else color += ta[m] * *(const v4f*)(a + 8) + tv[m] * *(const v4f*)(a + 12);
-            }
+const int64_t room = found.shape[1];
+const int stop = some[2];
+double* total = sums.data + 5 * some[0];
+const vi lane = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+int at = some[1];
+for (; at < stop && 1.0 - total[3] >= clear; at += 16) {
+    const int n = MIN(stop - at, 16);
+    const vi mine = lane < n;
+    vi k = *(const vi*)(row.data + at);
+    if (bits((k < -1) & mine)) return at;
+    k = mine ? k : k[0];
+    const float* in = found.data + at;
+    auto of = [&](int i) -> vf { return mine ? *(const vf*)(in + i * room) : zero; };
+    const vf x = of(0), A = of(1), V = of(2), off = of(3), e = of(4);
+    // Transparency before each: prefix sums of depth (S11).
+    vf p = x;
+    p += __builtin_shufflevector(p, zero, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14);
+    p += __builtin_shufflevector(p, zero, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13);
+    p += __builtin_shufflevector(p, zero, 16, 16, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11);
+    p += __builtin_shufflevector(p, zero, 16, 16, 16, 16, 16, 16, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7);
+    const vf T = fading(__builtin_shufflevector(p, zero, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14));
+    auto sum = [](vf a) -> float {
+        const v8f b = __builtin_shufflevector(a, a, 0, 1, 2, 3, 4, 5, 6, 7)
+            + __builtin_shufflevector(a, a, 8, 9, 10, 11, 12, 13, 14, 15);
+        v4f c = __builtin_shufflevector(b, b, 0, 1, 2, 3) + __builtin_shufflevector(b, b, 4, 5, 6, 7);
+        c += __builtin_shufflevector(c, c, 2, 3, 0, 1);
+        return c[0] + c[1];
+    };
+    const vf TA = T * A, TV = T * V + TA * off;
+    v4f color = {}, other = {};
+    if (__builtin_reduce_and(k == k[0]) && k[0] >= 0) {
+        const float* a = table + 16 * (int64_t)k[0];
+        color = sum(TA) * *(const v4f*)(a + 8) + sum(TV) * *(const v4f*)(a + 12);
+    } else {
+        alignas(64) float ta[16], tv[16], t[16];
+        *(vf*)ta = TA;
+        *(vf*)tv = TV;
+        *(vf*)t = T;
+        alignas(64) int r[16];
+        *(vi*)r = k;
+        for (int l = 0; l < n; l += 2) {
+            if (__builtin_expect((r[l] | r[l + 1]) >= 0, 1)) {
+                const float *a = table + 16 * (int64_t)r[l], *b = table + 16 * (int64_t)r[l + 1];
+                color += ta[l] * *(const v4f*)(a + 8) + tv[l] * *(const v4f*)(a + 12);
+                other += ta[l + 1] * *(const v4f*)(b + 8) + tv[l + 1] * *(const v4f*)(b + 12);
+            } else
+                for (int m = l; m < MIN(l + 2, n); ++m) {
+                    const float* a = table + 16 * (int64_t)r[m];
+                    // Of a cell that was cut, its colour is in place of what others have.
+                    if (r[m] < 0) color += t[m] * (v4f){in[2 * room + m], in[3 * room + m], in[5 * room + m], 0.0f};
+                    else color += ta[m] * *(const v4f*)(a + 8) + tv[m] * *(const v4f*)(a + 12);
+                }
+        }
+        color += other;
     }
-    color += other;
+    const double front = 1.0 - total[3];
+    for (int c = 0; c < 3; ++c) total[c] += front * color[c];
+    total[3] += front * sum(TA);
+    total[4] += front * 1.00001f * sum(T * e);
 }
-double* total = sums.data + 5 * ray;
-const double clear = 1.0 - total[3];
-for (int n = 0; n < 3; ++n) total[n] += clear * color[n];
-total[3] += clear * sum(TA);
-total[4] += clear * 1.00001f * sum(T * e);
+return MIN(at, stop);
 """
 )
+
+
+NEXT = """
+for (int l = first; l < stop; l += 16) {
+    const unsigned left = bits(*(const vi*)(row.data + l) < -1);
+    if (left) return MIN(l + __builtin_ctz(left), stop);
+}
+return stop;
+"""
 
 
 def _filled(text):
@@ -279,28 +299,31 @@ def _filled(text):
 
 @cache
 def make_packet():
-    """``measure`` and ``compose`` as of ``single``."""
+    """``measure``, ``compose`` and ``failing`` as of ``single``."""
 
     @wp.func_native(_filled(MEASURE))
     def measure(
         rows: Rows,
         blocks: Blocks,
         spend: wp.vec3,
-        cells: wp.array2d(dtype=wp.uint64),
+        cells: wp.array(dtype=wp.uint64),
         some: wp.vec2i,
         cubic: wp.array2d(dtype=wp.float32),
-        found: wp.array3d(dtype=wp.float32),
-        row: wp.array2d(dtype=int),
-    ) -> wp.uint64: ...
+        found: wp.array2d(dtype=wp.float32),
+        row: wp.array(dtype=int),
+    ): ...
 
     @wp.func_native(_filled(COMPOSE))
     def compose(
         rows: Rows,
-        found: wp.array3d(dtype=wp.float32),
-        row: wp.array2d(dtype=int),
-        ray: int,
-        first: int,
+        found: wp.array2d(dtype=wp.float32),
+        row: wp.array(dtype=int),
+        some: wp.vec3i,
+        clear: wp.float64,
         sums: wp.array2d(dtype=wp.float64),
-    ): ...
+    ) -> int: ...
 
-    return measure, compose
+    @wp.func_native(VECTORS + NEXT)
+    def failing(row: wp.array(dtype=int), first: int, stop: int) -> int: ...
+
+    return measure, compose, failing

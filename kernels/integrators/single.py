@@ -46,15 +46,16 @@ class Measured:
 
 @cache
 def make_single():
-    """Of several rays, each by its number: ``measure(rows, blocks, spend, cells, some, cubic, found, row)`` -> bits of
-    those cells that are left to others, ``some`` being a ray and how many it has, and
-    ``compose(rows, found, row, ray, first, sums)``.
+    """``measure(rows, blocks, spend, cells, some, cubic, found, row)`` of cells as ``field.cubics`` has them, ``some``
+    being the first and how many; ``compose(rows, found, row, some, clear, sums)`` -> how far it came; and
+    ``failing(row, first, stop)`` -> the first cell that is left to others, or ``stop``.
 
-    ``spend`` is what a cell may be off by, in parts of its opacity and of its length, and the brightest colour;
-    ``cells`` and ``cubic`` are as of ``field.cubics``. ``found`` has depth, opacity, V, off and the bound of each cell,
-    infinite where no row will do; ``row`` its row, or -1 for one that somebody else put there: its colour is in place
-    of V and off, and in the last row. ``sums`` are colour, opacity and bound of the ray, of which ``compose`` puts
-    ``LANES`` cells more behind what there is.
+    ``spend`` is what a cell may be off by, in parts of its opacity and of its length, and the brightest colour.
+    ``found`` has depth, opacity, V, off and the bound of each cell, infinite where no row will do; ``row`` its row, or
+    ``-2 - row`` for one that is left to others, and -1 for one that those put there: its colour is in place of V and
+    off, and in the last row. ``sums`` are colour, opacity and bound of rays, and ``some`` a ray, of whose cells the
+    first and the end: ``compose`` puts them behind what there is, ``LANES`` at a time, as long as transparency is
+    ``clear`` or more, up to the first lanes with a cell that is left to others.
     """
     real = wp.float32
 
@@ -132,16 +133,14 @@ def make_single():
         rows: Rows,
         blocks: Blocks,
         spend: wp.vec3,
-        cells: wp.array2d(dtype=wp.uint64),
+        cells: wp.array(dtype=wp.uint64),
         some: wp.vec2i,
         cubic: wp.array2d(dtype=real),
-        found: wp.array3d(dtype=real),
-        row: wp.array2d(dtype=int),
+        found: wp.array2d(dtype=real),
+        row: wp.array(dtype=int),
     ):
-        ray = some[0]
-        n = some[1]
-        bad = wp.uint64(0)
-        last = (n + 15) & ~15
+        first = some[0]
+        last = (some[1] + 15) & ~15
         for l in range(last):
             R = wp.abs(cubic[2, l]) + wp.abs(cubic[3, l]) * real(wp.static(2.0 / 3.0)) + wp.abs(cubic[4, l])
             s = cubic[0, l] + cubic[1, l]
@@ -167,7 +166,7 @@ def make_single():
                     r = rows.fitted + ((2 << rows.levels) - ((2 << rows.levels) >> level)) + (int(at) >> level)
                 best = by_row(rows, r, spend, cubic, l, False)
                 # Of a block in one interval, or a cell of equal corners, all that is seen is in it.
-                place = cells[ray, wp.min(l, n - 1)]
+                place = cells[first + l]
                 k = int(place >> wp.uint64(44))
                 j = int((place >> wp.uint64(23)) & wp.uint64(0x7FFFF))
                 i = int((place >> wp.uint64(2)) & wp.uint64(0x7FFFF))
@@ -179,40 +178,54 @@ def make_single():
                 if not best.fine and kind >= 0 and kind != r:
                     r = kind
                     best = by_row(rows, r, spend, cubic, l, True)
-            row[ray, l] = r
-            found[ray, 0, l] = best.x
-            found[ray, 1, l] = best.A
-            found[ray, 2, l] = best.V
-            found[ray, 3, l] = best.off
-            found[ray, 4, l] = best.e
-            if not best.fine:
-                bad |= wp.uint64(1) << wp.uint64(l)
-        return bad
+            row[first + l] = wp.where(best.fine, r, -2 - r)
+            found[0, first + l] = best.x
+            found[1, first + l] = best.A
+            found[2, first + l] = best.V
+            found[3, first + l] = best.off
+            found[4, first + l] = best.e
 
     @wp.func
     def compose(
         rows: Rows,
-        found: wp.array3d(dtype=wp.float32),
-        row: wp.array2d(dtype=int),
-        ray: int,
-        first: int,
+        found: wp.array2d(dtype=wp.float32),
+        row: wp.array(dtype=int),
+        some: wp.vec3i,
+        clear: wp.float64,
         sums: wp.array2d(dtype=wp.float64),
     ):
-        clear = wp.float64(1.0) - sums[ray, 3]
-        depth = real(0.0)
-        for n in range(LANES):
-            l = first + n
-            T = clear * wp.float64(wp.exp(-depth))
-            TA = T * wp.float64(found[ray, 1, l])
-            TV = T * wp.float64(found[ray, 2, l]) + TA * wp.float64(found[ray, 3, l])
-            r = row[ray, l]
-            for c in range(3):
-                if r >= 0:
-                    sums[ray, c] += TA * wp.float64(rows.row[r, 8 + c]) + TV * wp.float64(rows.row[r, 12 + c])
-                else:
-                    sums[ray, c] += T * wp.float64(found[ray, wp.where(c < 2, c + 2, 5), l])
-            sums[ray, 3] += TA
-            sums[ray, 4] += T * wp.float64(found[ray, 4, l]) * wp.float64(1.00001)
-            depth += found[ray, 0, l]
+        ray = some[0]
+        at = some[1]
+        going = bool(True)
+        while going and at < some[2] and wp.float64(1.0) - sums[ray, 3] >= clear:
+            stop = wp.min(at + LANES, some[2])
+            for l in range(at, stop):
+                if row[l] < -1:
+                    going = False
+            if going:
+                front = wp.float64(1.0) - sums[ray, 3]
+                depth = real(0.0)
+                for l in range(at, stop):
+                    T = front * wp.float64(wp.exp(-depth))
+                    TA = T * wp.float64(found[1, l])
+                    TV = T * wp.float64(found[2, l]) + TA * wp.float64(found[3, l])
+                    r = row[l]
+                    for c in range(3):
+                        if r >= 0:
+                            sums[ray, c] += TA * wp.float64(rows.row[r, 8 + c]) + TV * wp.float64(rows.row[r, 12 + c])
+                        else:
+                            sums[ray, c] += T * wp.float64(found[wp.where(c < 2, c + 2, 5), l])
+                    sums[ray, 3] += TA
+                    sums[ray, 4] += T * wp.float64(found[4, l]) * wp.float64(1.00001)
+                    depth += found[0, l]
+                at = stop
+        return at
 
-    return measure, compose
+    @wp.func
+    def failing(row: wp.array(dtype=int), first: int, stop: int):
+        l = first
+        while l < stop and row[l] >= -1:
+            l += 1
+        return l
+
+    return measure, compose, failing

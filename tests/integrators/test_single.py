@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 import wvr
 from wvr.keep import Keeper
 from wvr.kernels.field.blocks import Blocks
+from wvr.kernels.field.cubics import make_placed
 from wvr.kernels.field.grid import Grid
 from wvr.kernels.field.samples import make_samples
-from wvr.kernels.field.strides import make_gathered, make_octants, make_strides
+from wvr.kernels.field.strides import STATE, make_gathered, make_octants, make_strides
 from wvr.kernels.integrators.crossings import JOBS, make_crossings
 from wvr.kernels.integrators.packet import make_packet
 from wvr.kernels.integrators.single import CELLS, LANES, make_single
@@ -27,8 +28,9 @@ from wvr.transfer.rows import rows
 from ..scenes import transfer_functions
 
 SHARE = (1e-3, 1e-5, 1.0)
-# The second of two.
-RAY = 1
+# The second of two rays, behind the cells of the first.
+RAY, FIRST = 1, 5
+ROOM = FIRST + CELLS + LANES
 
 
 def evaluated(table, s):
@@ -88,8 +90,8 @@ def test_a_smooth_map_needs_few_rows():
 @cache
 def kernel(vectors, dtype, flags=None):
     """Measures the cells, then composes those that it may."""
-    cubics = Grid(dtype, False).cubics(vectors, CELLS)
-    measure, compose = make_packet() if vectors else make_single()
+    placed, cubics = make_placed(vectors), Grid(dtype, False).cubics(vectors, CELLS)
+    measure, compose, failing = make_packet() if vectors else make_single()
     Field = make_samples(dtype)
 
     @wp.kernel(enable_backward=False, module="unique", module_options={"cpu_compiler_flags": flags})
@@ -100,35 +102,41 @@ def kernel(vectors, dtype, flags=None):
         spend: wp.vec3,
         origin: wp.vec3d,
         d: wp.vec3d,
-        cells: wp.array2d(dtype=wp.uint64),
-        times: wp.array3d(dtype=wp.float64),
+        cells: wp.array(dtype=wp.uint64),
+        times: wp.array2d(dtype=wp.float64),
         n: int,
+        where: wp.array2d(dtype=wp.float32),
         cubic: wp.array2d(dtype=wp.float32),
-        found: wp.array3d(dtype=wp.float32),
-        row: wp.array2d(dtype=int),
-        bad: wp.array(dtype=wp.uint64),
+        found: wp.array2d(dtype=wp.float32),
+        row: wp.array(dtype=int),
+        bad: wp.array(dtype=int),
         sums: wp.array2d(dtype=wp.float64),
     ):
-        cubics(field, origin, d, cells, times, RAY, n, cubic)
-        bad[0] = measure(rows, blocks, spend, cells, wp.vec2i(RAY, n), cubic, found, row)
-        for l in range(n):
-            if (bad[0] >> wp.uint64(l)) & wp.uint64(1) != wp.uint64(0):
+        placed(origin, d, cells, times, FIRST, n, where)
+        cubics(field, cells, where, FIRST, n, cubic)
+        measure(rows, blocks, spend, cells, wp.vec2i(FIRST, n), cubic, found, row)
+        at = int(FIRST)
+        end = int(FIRST) + n
+        while at < end:
+            at = compose(rows, found, row, wp.vec3i(RAY, at, end), wp.float64(0.0), sums)
+            l = failing(row, at, wp.min(at + LANES, end))
+            while l < wp.min(at + LANES, end):
                 # As somebody else would.
-                row[RAY, l] = -1
-                found[RAY, 0, l] = wp.float32(0.5)
-                found[RAY, 1, l] = wp.float32(0.39346934)
-                found[RAY, 2, l] = wp.float32(0.1)
-                found[RAY, 3, l] = wp.float32(0.2)
-                found[RAY, 4, l] = wp.float32(1e-5)
-                found[RAY, 5, l] = wp.float32(0.3)
-        for first in range(0, n, LANES):
-            compose(rows, found, row, RAY, first, sums)
+                bad[l - FIRST] = 1
+                row[l] = -1
+                found[0, l] = wp.float32(0.5)
+                found[1, l] = wp.float32(0.39346934)
+                found[2, l] = wp.float32(0.1)
+                found[3, l] = wp.float32(0.2)
+                found[4, l] = wp.float32(1e-5)
+                found[5, l] = wp.float32(0.3)
+                l = failing(row, l, wp.min(at + LANES, end))
 
     return measured
 
 
 def measured(vectors, data, tf, seed, flags=None):
-    """(found, rows, bits, sums) of random pieces in random cells of a volume."""
+    """(cubics, found, rows, which are left to others, sums) of random pieces in random cells of a volume."""
     rng = np.random.default_rng(seed)
     dtype = wp.dtype_from_numpy(data.dtype)
     field = make_samples(dtype)()
@@ -146,23 +154,26 @@ def measured(vectors, data, tf, seed, flags=None):
     d /= np.abs(d).max()
     # A ray that passes the middle of some cells, as cells that it really sees need not be neighbours.
     n = int(rng.integers(1, CELLS + 1))
-    places, times = np.zeros((2, CELLS), np.uint64), np.zeros((2, 2, CELLS))
+    places, times = np.zeros(ROOM, np.uint64), np.zeros((2, ROOM))
     origin = rng.uniform(1, np.array(data.shape[::-1]) - 2)
     t = np.sort(rng.uniform(0, 4, n + 1))
     for l in range(n):
         middle = origin + (t[l] + t[l + 1]) / 2 * d
         cell = np.clip(np.floor(middle), 0, np.array(data.shape[::-1]) - 2).astype(int)
-        places[RAY, l] = cell[0] | cell[1] << 21 | cell[2] << 42
+        places[FIRST + l] = cell[0] | cell[1] << 21 | cell[2] << 42
         long = min(t[l + 1] - t[l], 0.5)
-        times[RAY, :, l] = (t[l] + t[l + 1]) / 2 + np.array([-0.5, 0.5]) * long
-    found, row = wp.zeros((2, 6, CELLS), dtype=wp.float32, device="cpu"), wp.zeros((2, CELLS), dtype=int, device="cpu")
-    bad, sums = wp.zeros(1, dtype=wp.uint64, device="cpu"), wp.zeros((2, 5), dtype=wp.float64, device="cpu")
-    blocks, cubic = Blocks(), wp.zeros((7, CELLS), dtype=wp.float32, device="cpu")
+        times[:, FIRST + l] = (t[l] + t[l + 1]) / 2 + np.array([-0.5, 0.5]) * long
+    where, found = (wp.zeros((m, ROOM), dtype=wp.float32, device="cpu") for m in (7, 6))
+    cubic = wp.zeros((7, CELLS), dtype=wp.float32, device="cpu")
+    row, bad = (wp.zeros(m, dtype=int, device="cpu") for m in (ROOM, CELLS))
+    blocks, sums = Blocks(), wp.zeros((2, 5), dtype=wp.float64, device="cpu")
     blocks.kinds = wp.full(tuple(-(-(n - 1) // 4) for n in data.shape), -1, wp.int16, device="cpu")
     inputs = [field, blocks, struct, wp.vec3(*SHARE), wp.vec3d(*origin), wp.vec3d(*d), wp.array(places, device="cpu")]
-    inputs += [wp.array(times, dtype=wp.float64, device="cpu"), n, cubic, found, row, bad, sums]
+    inputs += [wp.array(times, dtype=wp.float64, device="cpu"), n, where, cubic, found, row, bad, sums]
     wp.launch(kernel(vectors, dtype, flags), 1, inputs, device="cpu")
-    return cubic.numpy()[:, :n], found.numpy()[RAY, :, :n], row.numpy()[RAY, :n], int(bad.numpy()[0]), sums.numpy()[RAY]
+    these = slice(FIRST, FIRST + n)
+    bad = bad.numpy()[:n].astype(bool)
+    return cubic.numpy()[:, :n], found.numpy()[:, these], row.numpy()[these], bad, sums.numpy()[RAY]
 
 
 def volume_of(dtype, seed):
@@ -194,9 +205,8 @@ def test_vectors_say_what_warp_says(dtype, flags):
             one, other = measured(False, data, tf, trial), measured(True, data, tf, trial, FLAGS[flags])
             size = np.ptp(finite.astype(float))
             assert np.allclose(one[0], other[0], rtol=1e-5, atol=1e-5 * size, equal_nan=True)
-            bits = one[3] ^ other[3]
             # Rounding may take a neighbouring row, or find another side of a share.
-            same = (one[2] == other[2]) & ~np.array([bits >> l & 1 for l in range(len(one[2]))], bool)
+            same = (one[2] == other[2]) & (one[3] == other[3])
             assert same.mean() > 0.9
             a, b = one[1][:, same], other[1][:, same]
             assert np.allclose(a[:2], b[:2], rtol=2e-5, atol=1e-7)
@@ -216,9 +226,9 @@ def cutter(flags):
         transfer: make_transfer(wp.float64)[0],
         spend: wp.vec3,
         cubic: wp.array2d(dtype=wp.float64),
-        which: wp.array(dtype=int),
-        found: wp.array3d(dtype=wp.float32),
-        row: wp.array2d(dtype=int),
+        which: wp.array2d(dtype=int),
+        found: wp.array2d(dtype=wp.float32),
+        row: wp.array(dtype=int),
         pieces: wp.array(dtype=int),
     ):
         cut(rows, transfer, spend, cubic, which, found, row, pieces)
@@ -236,21 +246,21 @@ def cut_cells(tf, cubic, spend, flags):
     struct.knots = transfer.knot
     for name, value in numbers.items():
         setattr(struct, name, value)
-    given = np.zeros((5, JOBS))
-    given[:, :n] = cubic
+    given = np.zeros((6, JOBS))
+    given[: len(cubic), :n] = cubic
     # Behind each other in rays of their own.
-    which = wp.array(np.append(n, np.arange(n)[::-1]), dtype=int, device="cpu")
-    rays = -(-n // CELLS)
-    found, row = (
-        wp.zeros((rays, 6, CELLS), dtype=wp.float32, device="cpu"),
-        wp.zeros((rays, CELLS), dtype=int, device="cpu"),
-    )
-    pieces = wp.zeros(rays, dtype=int, device="cpu")
+    which = np.zeros((2, n + 1))
+    which[:, 1:] = np.arange(n)[::-1], np.arange(n)[::-1] // CELLS
+    which[0, 0] = n
+    which = wp.array(which, dtype=int, device="cpu")
+    found, row = wp.zeros((6, n), dtype=wp.float32, device="cpu"), wp.zeros(n, dtype=int, device="cpu")
+    pieces = wp.zeros(-(-n // CELLS), dtype=int, device="cpu")
     inputs = [struct, transfer, wp.vec3(*spend), wp.array(given, device="cpu"), which, found, row, pieces]
     wp.launch(cutter(flags), 1, inputs, device="cpu")
-    assert np.all(row.numpy().ravel()[:n] == -1)
-    result = found.numpy().transpose(1, 0, 2).reshape(6, -1)[:, :n][:, ::-1].astype(float)
-    return result, n - 1 - which.numpy()[1 : 1 + which.numpy()[0]]
+    assert np.all(row.numpy() == -1)
+    left = which.numpy()[:, 1 : 1 + which.numpy()[0, 0]]
+    assert np.all(left[1] == left[0] // CELLS)
+    return found.numpy()[:, ::-1].astype(float), n - 1 - left[0]
 
 
 def sampled(tf, cubic, n=20000):
@@ -345,7 +355,7 @@ def test_octants_against_brute_force():
 
 @cache
 def walker(make):
-    begin, stride, more = make(CELLS)
+    begin, stride, more, many = make(CELLS)
 
     @wp.kernel(enable_backward=False, module="unique")
     def walked(
@@ -360,21 +370,30 @@ def walker(make):
         stops: wp.array2d(dtype=wp.float64),
         counts: wp.array(dtype=int),
     ):
-        ray = wp.tid()
-        state = wp.zeros(shape=(2, 20), dtype=wp.float64)
-        cells = wp.zeros(shape=(2, CELLS), dtype=wp.uint64)
-        times = wp.zeros(shape=(2, 2, CELLS), dtype=wp.float64)
-        total = wp.int32(0)
-        going = begin(last, origins[ray], directions[ray], ends[ray][0], ends[ray][1], state, RAY)
-        while going:
-            n = stride(blocks, octants, ends[ray][0], state, cells, times, RAY)
-            going = more(state, RAY)
-            for l in range(n):
-                places[ray, total] = cells[RAY, l]
-                starts[ray, total] = times[RAY, 0, l]
-                stops[ray, total] = times[RAY, 1, l]
-                total += 1
-        counts[ray] = total
+        # Of two rays in turn, as long as both go on.
+        item = wp.tid()
+        state = wp.zeros(shape=(2, STATE), dtype=wp.float64)
+        cells = wp.zeros(shape=(wp.static(2 * ROOM),), dtype=wp.uint64)
+        times = wp.zeros(shape=(2, wp.static(2 * ROOM)), dtype=wp.float64)
+        going = wp.zeros(shape=(2,), dtype=int)
+        for r in range(2):
+            ray = 2 * item + r
+            if begin(last, origins[ray], directions[ray], ends[ray][0], ends[ray][1], state, r):
+                going[r] = 1
+        while going[0] + going[1] > 0:
+            pair = wp.vec2i(wp.where(going[0] != 0, 0, 1), wp.where(going[0] + going[1] > 1, 1, -1))
+            stride(blocks, octants, state, pair, cells, times, FIRST)
+            at = int(FIRST)
+            for r in range(2):
+                if going[r] != 0:
+                    going[r] = wp.where(more(state, r), 1, 0)
+                    ray = 2 * item + r
+                    for l in range(at, at + many(state, r)):
+                        places[ray, counts[ray]] = cells[l]
+                        starts[ray, counts[ray]] = times[0, l]
+                        stops[ray, counts[ray]] = times[1, l]
+                        counts[ray] = counts[ray] + 1
+                    at += many(state, r)
 
     return walked
 
@@ -393,7 +412,7 @@ def walked(make, masks, kinds, shape, origins, directions, ends):
     inputs = [wp.vec3i(*(m - 2 for m in reversed(shape))), blocks, octants]
     inputs += [wp.array(a, dtype=wp.vec3d, device="cpu") for a in (origins, directions)]
     inputs += [wp.array(ends, dtype=wp.vec2d, device="cpu"), places, starts, stops, counts]
-    wp.launch(walker(make), n, inputs, device="cpu")
+    wp.launch(walker(make), n // 2, inputs, device="cpu")
     return [a.numpy() for a in (places, starts, stops, counts)]
 
 
@@ -421,7 +440,7 @@ def test_ticks_are_the_walk_to_rounding(shape):
     one, other = (
         walked(make, masks, kinds, shape, origins, directions, ends) for make in (make_gathered, make_strides)
     )
-    ticks = 8 * sum(shape) * 2.0**-49
+    ticks = 8 * sum(shape) * 2.0**-52
     checked = 0
     for ray in range(n):
         a, b = (

@@ -190,8 +190,10 @@ class Certified(Integrator):
         sharp = bool(gentle >= self.tolerance / 32)
         single = self._single(scene)
         # What times in ticks come to (docs/proof-single.md, S12).
-        ticked = self.tolerance * 36 * max(entire.shape) ** 2 * longest * 2.0**-51
-        ticks = single and not sharp and ticked <= LITTLE * self.tolerance
+        ticked = 36 * max(entire.shape) ** 2 * longest * 2.0**-52 * densest * brightest
+        if not sharp:
+            ticked = min(ticked, 2 * max(entire.shape) ** 2 * longest * 2.0**-52 * self.tolerance)
+        ticks = single and ticked <= LITTLE * self.tolerance
         gentle, slopes = (0.0, 0.0) if sharp else (gentle, slopes)
         # Bricks count what is partly for the opacity and partly for the length of a ray once for each.
         again = gentle if entire is not scene.volume else 0.0

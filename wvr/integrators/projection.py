@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 # Of the colours' range, up to what the largest values are as good as none for who frames them.
 DARK = 0.25
 What = Literal["max", "min", "mean", "sum"]
+# As others call them.
+WORDS = {"average": "mean", "additive": "sum", "integral": "sum"}
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,8 @@ class Projection(Integrator):
     asks: ClassVar[tuple[str, ...]] = ("cubic", "seek")
 
     def __post_init__(self) -> None:
+        if self.what in WORDS:
+            raise ValueError(f"what must be {WORDS[self.what]!r} for the {self.what}, got {self.what!r}")
         choice(self.what, "what", get_args(What))
 
     @property
