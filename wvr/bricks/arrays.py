@@ -49,7 +49,7 @@ def _selected(names: list[str], sizes: tuple[int, ...], selection: dict, what: s
                 raise ValueError(f"{what} has {sizes[n]} along {name}: select one, wvr.open(..., {name}=0)")
             at = 0
         if isinstance(at, bool) or not isinstance(at, int | np.integer) or not -sizes[n] <= at < sizes[n]:
-            raise ValueError(f"{name} must be an index from 0 to {sizes[n] - 1}, got {at!r}")
+            raise ValueError(f"{name} must be an index from 0 to {sizes[n] - 1} of {what}, got {at!r}")
         fixed.append((n, int(at) % sizes[n]))
     return tuple(spatial), tuple(fixed)
 

@@ -53,6 +53,8 @@ class Field(ABC):
     stored: bool = False
     #: Bytes of its samples.
     nbytes: int = 0
+    #: How often its samples changed.
+    version: int = 0
 
     def look(self) -> None:  # noqa: B027 - most have nothing to notice
         """Notice samples that changed since this was called last; for fields that have some."""
