@@ -128,9 +128,9 @@ UNCOMMITTED = {
     f"{study}/{part}"
     for study, parts in {
         "angelelli2017": "figure5 figure6 model table1",
-        "campagnolo2015": "figure2 figure3 figure6 speed table1 table2 wide_steps",
+        "campagnolo2015": "figure6 speed table1 table2 wide_steps",
         "frontier": "aneurism bluntfin scaling",
-        "lum2004": "accuracy lookups order_of_spikes table1",
+        "lum2004": "table1",
         "stability": "tables",
     }.items()
     for part in parts.split()
