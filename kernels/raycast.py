@@ -9,7 +9,7 @@ from functools import cache
 
 import warp as wp
 
-from .bricks.brick import clearing, on_grain, owned
+from .bricks.brick import clearing, has, on_grain, owned
 from .cuts.stretches import make_stretches
 from .precision import vec4_of
 from .ray import FAR, View, ending, entry, inside, inverted, line, pixel
@@ -24,7 +24,10 @@ def reach(view: View, x: int, y: int):
     if view.grain > wp.float64(0.0):
         point = on_grain(point, view.grain)
     end, loose = ending(view, x, y)
-    if loose > wp.float64(0.0):
+    if length <= wp.float64(0.0):
+        # There is nothing to end.
+        loose = wp.float64(0.0)
+    elif loose > wp.float64(0.0):
         loose += wp.float64(wp.static(2.0**-50)) * wp.abs(first)
     start = wp.float64(0.0)
     stop = wp.float64(0.0)
@@ -143,6 +146,7 @@ def make_raycast(halves):
         bound = wp.float64(0.0)
         if wp.static(halves.brick):
             first, last = owned(scene.brick, point, inverted(along), start, stop)
+            loose = wp.where(has(first, last, stop, loose), loose, wp.float64(0.0))
             if last > first:
                 front = rgba[y, x]
                 scene.opaque = wp.float64(1.0) - clearing(scene.brick, x, y, front[3], wp.float64(1.0) - scene.opaque)
@@ -215,7 +219,9 @@ def make_raycasts(halves):
                 point, along, start, stop, loose = reach(scene.view, x + column, y + row)
                 clear = wp.float64(1.0) - scene.opaque
                 if wp.static(halves.brick):
+                    end = stop
                     start, stop = owned(scene.brick, point, inverted(along), start, stop)
+                    loose = wp.where(has(start, stop, end, loose), loose, wp.float64(0.0))
                     front = rgba[y, x]
                     clear = clearing(scene.brick, x, y, front[3], clear)
                     point -= scene.brick.offset

@@ -21,6 +21,11 @@ ROOT = Path(__file__).parents[1]
 ROOMS = ("transfer", "field", "cuts", "light", "integrators")
 # What the rooms are for, and they may not ask.
 ROOF = ("scene", "frame", "raycast", "probe", "renderer", "scattering", "cli", "__init__", "__main__")
+# What is made of all of it, of whom only these may ask: images in bricks, and whoever shows them.
+GUESTS = {
+    "bricks": {"bricks", "cli", "renderer", "sources", "__init__"},
+    "viewer": {"viewer", "cli", "__init__"},
+}
 FILES = sorted(path for house in ("wvr", "kernels") for path in (ROOT / house).rglob("*.py"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
 every_file = pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(ROOT).as_posix())
@@ -67,7 +72,7 @@ def room_of(module: tuple[str, ...]) -> str | None:
 
 def on_roof(module: tuple[str, ...]) -> bool:
     rest = module[2:] if module[:2] == ("wvr", "kernels") else module[1:]
-    return not rest or rest[0] in ROOF
+    return not rest or rest[0] in ROOF or module[1] in GUESTS
 
 
 def test_imports_are_found():
@@ -102,6 +107,13 @@ def test_a_room_imports_only_rooms_before_it(path):
             if module not in ways:
                 ways[module] = way
                 new.append(module)
+
+
+@every_file
+def test_guests_are_asked_by_few(path):
+    own = module_of(path)[1:] or ("__init__",)
+    asked = {module[1] for module in imports(path) if module[0] == "wvr" and len(module) > 1}
+    assert not [guest for guest in GUESTS if guest in asked and own[0] not in GUESTS[guest]]
 
 
 @pytest.mark.parametrize("house", ["wvr", "kernels"])

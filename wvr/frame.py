@@ -27,7 +27,7 @@ from .kernels.raycast import make_raycast
 from .kernels.scene import Halves
 from .launch import launch, launch_pixels
 from .light.sweep import AHEAD, Sweeping, shade
-from .memory import free_memory
+from .memory import free_memory, gib
 from .probe import Prober, make_prober, probe, tightest
 from .scene import Scene
 from .transfer.function import struct_of
@@ -236,7 +236,7 @@ class Frame:
             needed += AHEAD + pixels * 64
         if needed > (free := free_memory(device)):
             raise MemoryError(
-                f"data and image need {needed / 2**30:.1f} GiB on {device.alias}, which has {free / 2**30:.1f} GiB "
+                f"data and image need {gib(needed)} on {device.alias}, which has {gib(free)} "
                 f"free: take a smaller size than {self.width} x {self.height}, or a smaller volume"
             )
 

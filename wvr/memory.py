@@ -25,3 +25,8 @@ def free_host_memory() -> float:
         return float(os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     except (AttributeError, ValueError, OSError):
         return float("inf")
+
+
+def gib(count: float) -> str:
+    """So many bytes, in words."""
+    return f"{count / 2**30:.1f} GiB"

@@ -201,9 +201,8 @@ class Renderer:
         keep = self._keepers.setdefault(device.alias, Keeper(device))
         try:
             if self._reading.limited or scene.volume.stored:
-                if ends is not None:
-                    raise ValueError("depth is not there for a volume in bricks (memory_limit, client, wvr.open)")
-                image, self._bricks = BrickedFrame(scene, camera, size, keep, self._reading).render(self._bricks)
+                frame = BrickedFrame(scene, camera, size, keep, self._reading, ends)
+                image, self._bricks = frame.render(self._bricks)
             else:
                 image = Frame(scene, camera, size, keep, ends).render()
         finally:
@@ -336,7 +335,8 @@ def render(
         What becomes of chunks of a volume of :func:`wvr.open` that cannot be read: ``"error"``, an ``OSError`` that
         names one, or ``"bound"``: what they may look like is in the ``error_bound``.
     client
-        A ``distributed.Client`` (Dask), whose workers read and render the bricks of a volume of :func:`wvr.open`.
+        A ``distributed.Client`` (Dask), whose workers read and render the bricks of a volume of :func:`wvr.open`. By
+        default one that is active, as Dask's own computations find it, but under a budget; False is none.
     cancel
         A ``threading.Event``. Once another thread sets it, rays under way are finished, on CUDA all that was launched,
         and the render ends with :class:`Cancelled`; nothing is left running. A kernel that is being compiled is

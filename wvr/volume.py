@@ -26,7 +26,7 @@ from .field.samples import Data, samples_struct
 from .keep import Keeper
 from .kernels.field.grid import Grid
 from .launch import get_device
-from .memory import free_host_memory
+from .memory import free_host_memory, gib
 from .samples import DTYPES, NanPolicy
 from .validation import any_array, choice, finite_vector, outside
 
@@ -416,7 +416,7 @@ def _as_data(array: Any, axes: Axes) -> tuple[Any, bool]:
         if array.nbytes > (free := free_host_memory()):
             raise MemoryError(
                 f"array is copied, as it is not C-contiguous in native byte order, which takes "
-                f"{array.nbytes / 2**30:.1f} GiB, of which {free / 2**30:.1f} GiB are free"
+                f"{gib(array.nbytes)}, of which {gib(free)} are free"
             )
         data = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("="))
         return data, shares and np.may_share_memory(data, array)  # of a subclass of NumPy's arrays

@@ -49,6 +49,12 @@ def owned(brick: Brick, point: wp.vec3d, inverse: wp.vec3d, start: wp.float64, s
 
 
 @wp.func
+def has(first: wp.float64, last: wp.float64, end: wp.float64, loose: wp.float64):
+    """Whether what is ``owned`` of a ray may have its end, which may be so far from where it is said to be."""
+    return first <= end + loose and last >= end - loose
+
+
+@wp.func
 def clearing(brick: Brick, x: int, y: int, front: wp.float64, limit: wp.float64):
     """The transparency at which a ray ends that ends at a ``limit`` in all, of the brick alone; above 1 where it ended
     in front of it. ``front`` is what the image lets through so far.

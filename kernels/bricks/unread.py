@@ -12,7 +12,7 @@ mean of both transparencies and C in the middle of what is left at X = 0 and X =
 
 import warp as wp
 
-from ..ray import FAR, View, entry, inverted, line, near_faces, pixel
+from ..ray import FAR, View, ending, entry, inverted, line, near_faces, pixel
 from .brick import on_grain
 
 ZERO = wp.constant(wp.float64(0.0))
@@ -100,17 +100,21 @@ class Steps:
     point: wp.vec3d
     inverse: wp.vec3d
     index: wp.vec3i
-    length: wp.float64  # of the ray in the grid
+    length: wp.float64  # of the ray in the grid, up to the depth that ends it
+    loose: wp.float64  # how far off that may be
 
 
 @wp.func
 def begun(view: View, unread: Unread, x: int, y: int):
     """At the first brick of a ray, whose length is 0 or less where it misses the grid."""
     steps = Steps()
-    point, along, length, _first = entry(view, x + unread.column, y + unread.row)
+    point, along, length, first = entry(view, x + unread.column, y + unread.row)
+    end, loose = ending(view, x + unread.column, y + unread.row)
     steps.point = on_grain(point, unread.grain)
     steps.inverse = inverted(along)
-    steps.length = length
+    steps.length = wp.min(length, end - first)
+    if loose > ZERO and length > ZERO:
+        steps.loose = loose + wp.float64(wp.static(2.0**-50)) * wp.abs(first)
     p = steps.point
     # A ray that begins in a face and goes down has no length in the first brick.
     steps.index = wp.vec3i(between(unread.x, p[0]), between(unread.y, p[1]), between(unread.z, p[2]))
@@ -132,7 +136,7 @@ def crossing(unread: Unread, steps: Steps, ahead: bool):
             if (ahead and at < t) or (not ahead and at > t):
                 t = at
                 axis = a
-    e = unread.astray
+    e = unread.astray + wp.where(ahead, steps.loose, ZERO)
     if axis >= 0:
         e *= ONE + wp.abs(steps.inverse[axis])
     return t, axis, e
@@ -177,7 +181,7 @@ def map_unread(
         if going:
             steps.index = index
     rgbt[y, x] = wp.vec4d(ray[0], ray[1], ray[2], T)
-    bounds[y, x] = wp.min(bound, unread.brightest)
+    bounds[y, x] = wp.min(bound + unread.brightest * unread.densest * steps.loose, unread.brightest)
 
 
 @wp.func
@@ -293,7 +297,7 @@ def show_unread(
     # Rounding, and rays of which rounding decides whether they are in the box.
     anchor, along, begin = line(view, x, y)
     e = wp.float64(2.0) * unread.astray
-    loose = near_faces(view.low, view.high, anchor, inverted(along), e, begin - e, FAR)
+    loose = steps.loose + near_faces(view.low, view.high, anchor, inverted(along), e, begin - e, FAR)
     off = unread.brightest * (wp.float64(wp.static(2.0**-40)) + wp.min(ONE, unread.densest * loose))
     for c in range(4):
         low[c] -= off

@@ -110,6 +110,24 @@ def test_clips_and_labels_split_alike(split):
         np.testing.assert_allclose(split((6, 6, 6), camera, **riemann).rgba, whole.rgba, atol=1e-11)
 
 
+@pytest.mark.parametrize("integrator", [wvr.Certified(1 / 256), wvr.Exact(), wvr.Riemann(0.77)], ids=repr)
+def test_rays_end_at_a_depth_in_any_brick(split, integrator):
+    """Also in a face of bricks; what is behind is not asked for."""
+    for name in ("outside", "parallel", "inside", "edges 0"):
+        camera = CAMERAS[name]
+        far = (VOLUME.corners - camera.position) @ camera.basis()[2]
+        depth = RNG.uniform(max(far.min(), 0), far.max(), SIZE[::-1])
+        depth[RNG.random(depth.shape) < 0.2] = np.nan
+        depth[0] = (world(6, 6, 6) - camera.position) @ camera.basis()[2]
+        options = {"integrator": integrator, "depth": depth}
+        exact = wvr.render(VOLUME, TF, camera, SIZE, **options | {"integrator": wvr.Exact()})
+        if isinstance(integrator, wvr.Certified):
+            assert_within(split((6, 6, 6), camera, **options), wvr.render(VOLUME, TF, camera, SIZE, **options), exact)
+        else:
+            whole = wvr.render(VOLUME, TF, camera, SIZE, **options, **WHOLE)
+            np.testing.assert_allclose(split((6, 6, 6), camera, **options, **WHOLE).rgba, whole.rgba, atol=1e-11)
+
+
 def test_light_looks_beyond_a_brick(split):
     """At gradients, whose samples are of the neighbours."""
     lit = {"integrator": wvr.Riemann(0.77), "lighting": wvr.Lighting(), **WHOLE}

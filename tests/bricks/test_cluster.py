@@ -50,10 +50,24 @@ def test_workers_make_the_same_image(volume, client):
     np.testing.assert_allclose(parts.rgba, exact.rgba, atol=1e-11)
 
 
+def test_an_active_client_is_found_as_dask_finds_it(volume, client):
+    """Unless it is told not to, or cannot do what is asked for."""
+    image = wvr.render(volume, TF, CAMERA, SIZE)
+    assert image.stats["workers"] == 2
+    for options in ({"client": False}, {"budget": 0}):
+        assert "workers" not in wvr.render(volume, TF, CAMERA, SIZE, **options).stats
+    assert "bricks" not in wvr.render(WHOLE, TF, CAMERA, SIZE, client=False).stats
+    depth = np.full(SIZE[::-1], np.linalg.norm(CAMERA.position - WHOLE.corners.mean(axis=0)))
+    exact = wvr.render(WHOLE, TF, CAMERA, SIZE, integrator=wvr.Exact(), depth=depth)
+    image = wvr.render(volume, TF, CAMERA, SIZE, tolerance=1 / 256, depth=depth)
+    assert image.stats["workers"] == 2
+    assert np.all(np.abs(image.rgba - exact.rgba).max(axis=2) <= image.error_bound)
+
+
 def test_ranges_by_workers_are_the_same(volume, client, tmp_path):
     theirs = wvr.build_ranges(volume, tmp_path / "theirs.npz", client=client).ranges
     volume.ranges = None
-    own = wvr.build_ranges(volume, tmp_path / "own.npz").ranges
+    own = wvr.build_ranges(volume, tmp_path / "own.npz", client=False).ranges
     volume.ranges = None
     np.testing.assert_array_equal(theirs.values, own.values)
 

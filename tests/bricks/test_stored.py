@@ -157,6 +157,22 @@ def test_under_a_budget_what_adds_most_to_the_bound_is_read_first(monkeypatch):
     assert images[0].error_bound.mean() > images[1].error_bound.mean() > images[2].error_bound.mean()
 
 
+@pytest.mark.parametrize("options", [{}, {"budget": 0}, {"budget": "20 kB"}], ids=["all", "nothing", "some"])
+def test_what_is_behind_a_depth_is_never_read(options):
+    """In the bound of what was not read as well."""
+    volume = wvr.build_ranges(opened(DATA))
+    for camera in CAMERAS.values():
+        far = (WHOLE.corners - camera.position) @ camera.basis()[2]
+        depth = np.full(SIZE[::-1], far.min() + 0.4 * (far.max() - far.min()))
+        depth[3] += 5.0
+        exact = wvr.render(WHOLE, TF, camera, SIZE, integrator=wvr.Exact(), depth=depth)
+        every = wvr.render(volume, TF, camera, SIZE, tolerance=TOLERANCE, **options)
+        image = wvr.render(volume, TF, camera, SIZE, tolerance=TOLERANCE, depth=depth, **options)
+        assert np.all(np.abs(image.rgba - exact.rgba).max(axis=2) <= image.error_bound)
+        if not options:
+            assert image.stats["blocks_read"] < every.stats["blocks_read"] and image.max_error <= TOLERANCE
+
+
 @pytest.mark.parametrize("budget", [0, "5 kB"])
 def test_a_coarse_level_stands_in_within_the_bound(budget):
     """It is nearer to the image than the middle is, and its bound is that of the fine samples."""

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from math import ceil, log2
 from typing import Any
 
@@ -94,10 +95,20 @@ class Halo:
 
 
 class Caster:
-    """Renders bricks of a scene for one camera, each in the pixels that see it."""
+    """Renders bricks of a scene for one camera, each in the pixels that see it, along rays that end where ``ends``,
+    depths (height, width), say.
+    """
 
-    def __init__(self, scene: Scene, camera: Camera, size: tuple[int, int], bricks: Bricks, keep: Keeper):
-        self.given = scene
+    def __init__(
+        self,
+        scene: Scene,
+        camera: Camera,
+        size: tuple[int, int],
+        bricks: Bricks,
+        keep: Keeper,
+        ends: NDArray[np.float64] | None = None,
+    ):
+        self.given, self.ends = scene, ends
         self.scene = scene.normal
         self.camera, self.size, self.bricks, self.keep = camera, size, bricks, keep
         self.halo = Halo.of(scene)
@@ -113,14 +124,25 @@ class Caster:
                 f"rendered then"
             )
         self.view.grain = self.grain
+        if ends is not None:
+            self.view.ends = wp.array(ends, dtype=wp.float64, device=keep.device)
         self.view.astray += self.grain / 2 + _offset_rounding(field)
         integrator = self.scene.integrator
         self.precision = integrator.precision(self.scene)
         self.bounded = bool(getattr(integrator.half(self.scene), "bounded", False))
 
     def footprint(self, index: Index) -> Rect | None:
-        """The pixels that may see a brick."""
-        return self.seen_in(*self.bricks.box(index))
+        """The pixels that may see a brick; None where there are none, or all their rays end in front of it."""
+        low, high = self.bricks.box(index)
+        rect = self.seen_in(low, high)
+        if rect is not None and self.ends is not None:
+            matrix = self.scene.volume.index_to_world
+            corners = (
+                np.array(list(product(*zip(low - 1.0, high + 1.0, strict=True)))) @ matrix[:3, :3].T + matrix[:3, 3]
+            )
+            if ((corners - self.camera.position) @ self.basis[2]).min() > self.ends[rect].max():
+                return None
+        return rect
 
     def seen_in(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> Rect | None:
         """The pixels that may see cells between two samples."""

@@ -20,10 +20,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Camera
 from ..keep import Keeper
 from ..launch import get_device, set_num_threads
-from ..scene import Scene
+from .brick import Caster
 from .grid import Bricks, Index, Rect
 from .partial import Partial
 from .reading import Reading
@@ -103,7 +102,7 @@ def render(march: Any, client: Any) -> tuple[Partial, dict[str, Any]]:
     groups = Groups(march.bricks, march.order, march.bricks.first(march.volume, caster.camera), workers * EACH)
     single = caster.scene.integrator.shown(caster.scene) == "float32"
     rounding = caster.scene.brightest if single else None
-    given = Shared(caster.given, caster.camera, caster.size, march.reading.missing, token_of(march.volume), rounding)
+    given = Shared(caster, march.reading.missing, token_of(march.volume), rounding)
     # A task as well: what is only scattered would be lost with the workers that have it.
     shared = client.submit(itself, given, pure=False)
     image = caster.nothing()
@@ -162,10 +161,9 @@ class Counts:
 class Shared:
     """What all tasks of an image have in common."""
 
-    def __init__(
-        self, scene: Scene, camera: Camera, size: tuple[int, int], missing: Any, token: str, rounding: float | None
-    ):
-        self.scene, self.camera, self.size = replace(scene, like=None), camera, size
+    def __init__(self, caster: Caster, missing: Any, token: str, rounding: float | None):
+        self.scene, self.camera, self.size = replace(caster.given, like=None), caster.camera, caster.size
+        self.ends = caster.ends
         # The brightest colour, where images travel in single precision.
         self.missing, self.token, self.rounding = missing, token, rounding
 
@@ -190,7 +188,7 @@ def group_image(shared: Shared, indices: list[Index], rect: Rect, front: NDArray
     volume = copy(shared.scene.volume)
     samples = volume.samples = Remembered(volume.samples, shared.token)  # type: ignore[attr-defined]
     scene = replace(shared.scene, volume=volume)
-    march = Streamed(scene, shared.camera, shared.size, keep, Reading(missing=shared.missing))
+    march = Streamed(scene, shared.camera, shared.size, keep, Reading(missing=shared.missing), shared.ends)
     image = Partial.nothing(rect, march.caster.bounded)
     blocks = march.blocks(_memory() // 2)
     counts = Counts()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -16,7 +17,7 @@ from ..scene import Scene
 from .brick import Caster, Halo
 from .grid import Bricks, in_order
 from .partial import Partial
-from .reading import Reading
+from .reading import Reading, active_client
 from .store import BESIDE, BrickStore
 from .streamed import Streamed
 
@@ -47,7 +48,7 @@ def check(scene: Scene, reading: Reading) -> None:
             raise ValueError(f"{name} = {value} needs an integrator with a bound, Certified, got {integrator!r}")
         if given and not scene.volume.stored:
             raise ValueError(f"{name} is for volumes of wvr.open, got one in memory")
-    if reading.client is not None and (limited or not scene.volume.stored):
+    if reading.client and (limited or not scene.volume.stored):
         what = "a budget" if limited else "a volume in memory: wvr.open takes arrays, too"
         raise ValueError(f"client is for volumes of wvr.open, without a budget, got {what}")
     if scene.shadows is not None:
@@ -72,9 +73,19 @@ class BrickedFrame:
         Whether something was left out that would be seen: for want of time, or as it could not be read.
     """
 
-    def __init__(self, scene: Scene, camera: Camera, size: tuple[int, int], keep: Keeper, reading: Reading):
+    def __init__(
+        self,
+        scene: Scene,
+        camera: Camera,
+        size: tuple[int, int],
+        keep: Keeper,
+        reading: Reading,
+        ends: NDArray[np.float64] | None = None,
+    ):
         check(scene, reading)
-        self.given = scene
+        if scene.volume.stored and not reading.budgeted and reading.client is None:
+            reading = replace(reading, client=active_client())
+        self.given, self.ends = scene, ends
         self.scene = scene.normal
         self.camera, self.size, self.keep, self.reading = camera, size, keep, reading
         self.error_bound: NDArray[np.float32] | None = None
@@ -98,7 +109,7 @@ class BrickedFrame:
         bricks, halo = self.bricks(), Halo.of(self.scene)
         if store is None or not store.serves(self.scene.volume, bricks, halo, self.reading.memory):
             store = BrickStore(self.scene.volume, bricks, halo, self.reading.memory)
-        caster = Caster(self.scene, self.camera, self.size, bricks, self.keep)
+        caster = Caster(self.scene, self.camera, self.size, bricks, self.keep, self.ends)
         image = caster.nothing()
         cast = 0
         for index in in_order(bricks, self.scene.volume, self.camera):
@@ -116,7 +127,7 @@ class BrickedFrame:
         return self.finish(image, bricks, stats), store
 
     def _stored(self) -> Image:
-        march = Streamed(self.scene, self.camera, self.size, self.keep, self.reading)
+        march = Streamed(self.scene, self.camera, self.size, self.keep, self.reading, self.ends)
         image, stats = march.render()
         self.partly = bool(march.rest or stats["bricks_missing"])
         return self.finish(image, march.bricks, stats)

@@ -18,7 +18,7 @@ from ..validation import path_of
 from .arrays import named, of_array, placed
 from .mapped import Hdf5, hdf5, hdf5_name, mapped, nifti
 from .ranges import attach, build, sidecar
-from .reading import checked_client
+from .reading import active_client, checked_client
 from .stored import StoredVolume
 
 Place = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
@@ -131,7 +131,7 @@ def build_ranges(
         The file; by default beside the store, where :func:`wvr.open` finds it. Of what has no place, such as arrays,
         they are kept with the volume alone.
     client
-        A ``distributed.Client`` whose workers read.
+        A ``distributed.Client`` whose workers read; by default one that is active, False is none.
     report
         Called with how many blocks are done, and how many there are.
     **options
@@ -147,12 +147,13 @@ def build_ranges(
     OSError
         Where a block cannot be read, or the file not be written.
     """
-    checked_client(client)
+    if checked_client(client) is None:
+        client = active_client()
     if report is not None and not callable(report):
         raise TypeError(f"report must be called with two numbers, got {report!r}")
     volume = store if isinstance(store, StoredVolume) else open(store, **options)
     path = volume.place if output is None else path_of(output, "output")
-    volume.ranges = build(volume, path, client, report)
+    volume.ranges = build(volume, path, client or None, report)
     vars(volume).pop("range", None)
     return volume
 

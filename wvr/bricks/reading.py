@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+import sys
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 from ..validation import choice, positive, real
@@ -27,7 +28,7 @@ class Reading:
     missing
         What becomes of chunks that cannot be read: an error, or a wider bound.
     client
-        A ``distributed.Client`` whose workers render.
+        A ``distributed.Client`` whose workers render; None is one that is active, if there is one, False none.
     """
 
     memory: int | None = None
@@ -65,14 +66,28 @@ class Reading:
     @property
     def limited(self) -> bool:
         """Whether it is for bricks alone."""
-        return self != Reading()
+        return replace(self, client=self.client or None) != Reading()
 
 
 def checked_client(client: Any) -> Any:
-    """What is a ``distributed.Client``, or None."""
-    if client is not None and not hasattr(client, "scheduler_info"):
-        raise TypeError(f"client must be a distributed.Client, got {type(client).__name__}")
+    """What is a ``distributed.Client``, None or False."""
+    if client is not None and client is not False and not hasattr(client, "scheduler_info"):
+        raise TypeError(f"client must be a distributed.Client, or False for none, got {type(client).__name__}")
     return client
+
+
+def active_client() -> Any:
+    """The one that Dask's own computations would take now, if it has workers; nothing is imported for it."""
+    distributed = sys.modules.get("distributed")
+    if distributed is None:
+        return None
+    try:
+        client = distributed.default_client()
+    except ValueError:
+        return None
+    # One that is awaited, or in a task of a worker, is not for a call that waits itself.
+    usable = client.status == "running" and not client.asynchronous
+    return client if usable and client.scheduler_info(n_workers=-1)["workers"] else None
 
 
 def parsed_bytes(given: Any, name: str) -> int:

@@ -42,7 +42,15 @@ class Streamed:
         Those in which there may be something to see, from the camera outwards.
     """
 
-    def __init__(self, scene: Scene, camera: Camera, size: tuple[int, int], keep: Keeper, reading: Reading):
+    def __init__(
+        self,
+        scene: Scene,
+        camera: Camera,
+        size: tuple[int, int],
+        keep: Keeper,
+        reading: Reading,
+        ends: NDArray[np.float64] | None = None,
+    ):
         volume: Any = scene.volume
         self.volume: StoredVolume = volume
         self.keep, self.reading = keep, reading
@@ -52,7 +60,7 @@ class Streamed:
         integrator, self.spare = (
             scene.integrator.sharing(scene) if volume.ranges is not None else (scene.integrator, 0.0)
         )
-        self.caster = Caster(replace(scene, integrator=integrator), camera, size, self.bricks, keep)
+        self.caster = Caster(replace(scene, integrator=integrator), camera, size, self.bricks, keep, ends)
         self.looks, visible = self._looks()
         self.order = [index for index in in_order(self.bricks, volume, camera) if visible[index[::-1]]]
         self.unneeded: set[Index] = set()  # of those, whose pieces with something to see no ray meets
@@ -95,7 +103,7 @@ class Streamed:
         """The image, and how it came about."""
         start = perf_counter()
         reading = self.reading
-        if reading.client is not None:
+        if reading.client:
             from .cluster import render
 
             image, stats = render(self, reading.client)

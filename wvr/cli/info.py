@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
-from .source import Reading
+from .source import Input
 from .stages import Stages
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def info(
     *,
     histogram: Annotated[bool, Parameter(negative="")] = False,
     save_tf: tuple[str, Path] | None = None,
-    reading: Reading = Reading(),  # noqa: B008 - frozen
+    reading: Input = Input(),  # noqa: B008 - frozen
 ) -> None:
     """Describe a volume and suggest transfer functions for it.
 

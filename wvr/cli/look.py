@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..volume import Volume
 
 
-class Looks(NamedTuple):
+class Wanted(NamedTuple):
     """What a command line says of a volume: keywords of :func:`wvr.render`, and the files of labels."""
 
     keywords: dict[str, Any]
@@ -136,7 +136,7 @@ class Look:
             wvr.set_num_threads(self.threads)
         return found
 
-    def of(self, volume: Volume | StoredVolume, keywords: dict[str, Any]) -> Looks:
+    def of(self, volume: Volume | StoredVolume, keywords: dict[str, Any]) -> Wanted:
         """The same with what depends on the volume."""
         method = keywords["integrator"]
         # What is in a store is looked at in fewer samples, if there are such.
@@ -152,4 +152,4 @@ class Look:
             surfaces = has_surfaces(method, chosen) and not volume.stored
             found["lighting"] = surfaces if keywords["lighting"] is None else keywords["lighting"]
             found["background"] = BACKGROUND if self.background is None else self.background
-        return Looks(found, files)
+        return Wanted(found, files)

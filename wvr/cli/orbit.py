@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from .look import Look
-from .source import Reading, check_kept
+from .source import Input, check_kept
 from .stages import Stages
 
 
@@ -24,7 +24,7 @@ def orbit(
     elevation: float = 20.0,
     turn: float = 360.0,
     look: Look = Look(),  # noqa: B008 - frozen
-    reading: Reading = Reading(),  # noqa: B008 - frozen
+    reading: Input = Input(),  # noqa: B008 - frozen
 ) -> None:
     """Make a movie of a way around a volume.
 

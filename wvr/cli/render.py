@@ -13,7 +13,7 @@ from ..image import PIXEL_WRITERS
 from ..validation import at_most
 from .look import Look
 from .options import Lens, Vector, camera_of
-from .source import Reading, check_kept
+from .source import Input, check_kept
 from .stages import Stages
 from .stores import Streaming
 
@@ -29,7 +29,7 @@ def render(
     parallel: Annotated[bool, Parameter(negative="")] = False,
     camera: Vector | None = None,
     look: Look = Look(),  # noqa: B008 - frozen
-    reading: Reading = Reading(),  # noqa: B008 - frozen
+    reading: Input = Input(),  # noqa: B008 - frozen
     streaming: Streaming = Streaming(),  # noqa: B008 - frozen
 ) -> None:
     """Render a volume to an image file.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Reading:
+class Input:
     """How the source is read.
 
     Attributes

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from .look import Look
-from .source import Reading
+from .source import Input
 from .stages import Stages
 
 
@@ -20,7 +20,7 @@ def view(
     port: Annotated[int, Parameter(validator=Number(gte=0, lte=65535))] = 0,
     open_browser: Annotated[bool, Parameter(negative="--no-open-browser")] = True,
     look: Look = Look(),  # noqa: B008 - frozen
-    reading: Reading = Reading(),  # noqa: B008 - frozen
+    reading: Input = Input(),  # noqa: B008 - frozen
 ) -> None:
     """Turn, light, cut and classify a volume in a browser, until Ctrl-C.
 

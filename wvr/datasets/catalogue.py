@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..memory import free_host_memory
+from ..memory import free_host_memory, gib
 from ..validation import integer, near, within
 from ..volume import Volume
 from .downloads import DOWNLOADS, fetch
@@ -82,7 +82,5 @@ def load(name: str, size: int = 128, **options: Any) -> Volume:
             raise TypeError(f"options {there}, got {option!r}{near(option, accepted)}")
         options[option] = OPTIONS[option](value, option)
     if (needed := BYTES * size**3) > (free := free_host_memory()):
-        raise MemoryError(
-            f"size = {size} takes {needed / 2**30:.1f} GiB to generate, of which {free / 2**30:.1f} GiB are free"
-        )
+        raise MemoryError(f"size = {size} takes {gib(needed)} to generate, of which {gib(free)} are free")
     return Volume(GENERATED[name](size, **options))

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..files import regular
-from ..memory import free_host_memory
+from ..memory import free_host_memory, gib
 from ..samples import Unsupported
 
 CHUNK = 1 << 14
@@ -155,7 +155,7 @@ def empty(shape: Sequence[int], dtype: DTypeLike, held: int, packing: str = "raw
     if declared > DENSEST[packing] * held + (packing != "raw") * CHUNK:
         raise Flaw(f"it declares {_counted(shape)} samples of {dtype.name}, {declared:,} bytes, and holds {held:,}")
     if declared > free_host_memory():
-        raise MemoryError(f"{_counted(shape)} samples of {dtype.name} are {declared / 2**30:.1f} GiB")
+        raise MemoryError(f"{_counted(shape)} samples of {dtype.name} are {gib(declared)}")
     return np.empty([int(n) for n in shape], dtype)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..kernels.precision import REALS, vec4_of
 from ..kernels.transfer.preintegration import make_approximate, make_generators
 from ..launch import get_device, launch
-from ..memory import free_host_memory, free_memory
+from ..memory import free_host_memory, free_memory, gib
 from ..transfer_function import TransferFunction
 from ..validation import choice, finite_array, float_array, integer, positive
 from .running import Cut, RunningIntegrals
@@ -143,8 +143,8 @@ def _check_memory(needed: int, n: int, lengths: int, device: wp.Device) -> None:
     free = min(free_memory(device), free_host_memory())
     if needed > free:
         raise MemoryError(
-            f"n = {n} entries along an axis and {lengths} lengths need {needed / 2**30:.1f} GiB, of which "
-            f"{free / 2**30:.1f} GiB are free: take a smaller n"
+            f"n = {n} entries along an axis and {lengths} lengths need {gib(needed)}, of which "
+            f"{gib(free)} are free: take a smaller n"
         )
 
 
