@@ -8,6 +8,8 @@ import warp as wp
 
 # Never reached along any ray.
 FAR = wp.constant(wp.float64(1.0e300))
+# The bound of a ray that is left to another launch, or more; any other bound is less.
+LEAVE = wp.constant(wp.float64(1.0e30))
 
 
 @wp.struct

@@ -12,7 +12,7 @@ import warp as wp
 from .bricks.brick import clearing, has, on_grain, owned
 from .cuts.stretches import make_stretches
 from .precision import vec4_of
-from .ray import FAR, View, ending, entry, inside, inverted, line, pixel
+from .ray import FAR, LEAVE, View, ending, entry, inside, inverted, line, pixel
 
 
 @wp.func
@@ -104,8 +104,8 @@ def make_put(halves):
 @cache
 def make_raycast(halves):
     """Kernel ``(base, scene, rgba, samples, bounds, scratch)`` over work items of ``ray.pixel``; a march that is
-    ``bounded`` writes ``bounds``, and ``scratch`` is the address of memory of the thread's own. The image of a brick is
-    composed into that of what is in front of it.
+    ``bounded`` writes ``bounds``, infinite where it ``leaves`` a ray to another launch, and ``scratch`` is the address
+    of memory of the thread's own. The image of a brick is composed into that of what is in front of it.
     """
     if halves.rays > 1:
         return make_raycasts(halves)
@@ -117,8 +117,13 @@ def make_raycast(halves):
     enter, leave = make_brick_part(halves) if halves.brick else (None, None)
     anchored = getattr(halves.march, "anchored", False)
     put = make_put(halves)
+    leaves = halves.leaves
 
-    @wp.kernel(enable_backward=False, module="unique")
+    # On GPUs one ray a thread, without a loop around it: what might be left of the ray before would keep registers. Two
+    # blocks a multiprocessor leave 128 of them.
+    bounds_of = (256, 2) if leaves and not halves.cuts.any else None
+
+    @wp.kernel(enable_backward=False, module="unique", grid_stride=False, launch_bounds=bounds_of)
     def raycast(
         base: int,
         scene: Scene,
@@ -130,6 +135,9 @@ def make_raycast(halves):
         x, y = pixel(scene.view, wp.tid() + base)
         if y >= scene.view.height:
             return
+        if wp.static(halves.again):
+            if bounds[y, x] < real(wp.inf):
+                return
         if wp.static(halves.scratch > 0):
             scene.march.scratch = scratch
         # Of the whole image, which a brick has a part of.
@@ -166,7 +174,10 @@ def make_raycast(halves):
         elif stop > start:
             ray, count, bound = march(scene, point, along, start, stop)
         if wp.static(bounded):
-            bound = whole(scene, column, row, stop > start, bound, loose)
+            total = whole(scene, column, row, stop > start, bound, loose)
+            if wp.static(leaves):
+                total = wp.where(bound >= LEAVE, wp.float64(wp.inf), total)
+            bound = total
         put(x, y, rgba, samples, bounds, ray, count, bound)
 
     return raycast

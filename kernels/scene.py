@@ -39,6 +39,7 @@ class Halves:
     cuts: Cuts = dataclasses.field(default_factory=Cuts)
     light: Lit | None = None
     vectors: bool = False  # there are vectors to compute with, as clang has them
+    again: bool = False  # of rays that a launch before left to this one
     traced: bool = False  # the steps of a ray are written down, by a march that has them
     brick: bool = False  # of a part of a grid, as of ``bricks``
 
@@ -46,6 +47,16 @@ class Halves:
     def rays(self) -> int:
         """Rays of a work item: several of a march that takes them at a time, where nothing cuts them."""
         return 1 if self.cuts.any or not self.vectors else getattr(self.march, "rays", 1)
+
+    @property
+    def leaves(self) -> bool:
+        """Whether rays may be left to another launch, of these halves ``again``: with an infinite bound."""
+        return not self.again and getattr(self.march, "leaves", lambda halves: False)(self)
+
+    @property
+    def launches(self) -> tuple["Halves", ...]:
+        """Of the launches of an image, one after the other."""
+        return (self, dataclasses.replace(self, again=True)) if self.leaves else (self,)
 
     @property
     def scratch(self) -> int:

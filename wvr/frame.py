@@ -131,7 +131,8 @@ class Frame:
     def launch(self, halves: Halves, struct: Any, rgba: wp.array, samples: wp.array, bounds: wp.array) -> None:
         """Cast the rays of all pixels, and wait for them."""
         inputs = [struct, rgba, samples, bounds, 0]
-        launch_pixels(make_raycast(halves), inputs, self.device, struct.view, halves.rays, halves.scratch)
+        for part in halves.launches:
+            launch_pixels(make_raycast(part), inputs, self.device, struct.view, part.rays, part.scratch)
         wp.synchronize_device(self.device)
 
     def _image(

@@ -29,6 +29,24 @@ class Blocks:
     masks: wp.array3d(dtype=wp.uint64)  # of their cells: bit 16 z + 4 y + x is set where there may be something to see
 
 
+BLOCK_OF = (
+    "return blocks.ARRAY.data[((cell[2] >> 2) * blocks.ARRAY.shape[1] + (cell[1] >> 2)) * blocks.ARRAY.shape[2]"
+    " + (cell[0] >> 2)];"
+)
+
+
+@wp.func_native(BLOCK_OF.replace("ARRAY", "masks"))
+def mask_at(blocks: Blocks, cell: wp.vec3i) -> wp.uint64:
+    """The mask of the block of a cell."""
+    ...
+
+
+@wp.func_native(BLOCK_OF.replace("ARRAY", "kinds"))
+def kind_at(blocks: Blocks, cell: wp.vec3i) -> int:
+    """Its kind."""
+    ...
+
+
 def blocks(shape):
     """Number of blocks along each axis of samples of a ``shape``, two or more along each."""
     return tuple(-(-(n - 1) // (1 << int(BITS))) for n in shape)

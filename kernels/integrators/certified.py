@@ -20,6 +20,7 @@ from ..ray import FAR, inside
 from ..transfer.function import make_transfer
 from ..transfer.rows import Rows
 from .cubics import Cubic, from_start, make_cubics, make_shone
+from .lone import make_lone
 from .packed import RAYS, SCRATCH, make_packed, make_rays
 from .pieces import VALUE, make_jumps, make_pieces
 from .series import make_series
@@ -64,7 +65,11 @@ class Half:
     def march(self, halves):
         if self.single and halves.vectors:
             return make_packed(halves)
-        return make_certified(halves)
+        return make_lone(halves) if halves.leaves else make_certified(halves)
+
+    def leaves(self, halves):
+        """Without vectors a ray that single precision is not good enough for is left to another launch."""
+        return self.single and self.ticks and not self.sharp and not halves.vectors and not halves.brick
 
     @property
     def rays(self):

@@ -17,3 +17,22 @@ class Rows:
     narrow: wp.float32  # intervals are wider that those beside them know what is beyond their ends
     levels: int  # windows of level j are 2^j times as wide as the narrowest
     fitted: int  # the first of them
+
+
+# With one address for all that is read of a row: compilers for GPUs make one of each place in an array.
+@wp.func_native("return *(rows.row.data + 16 * (size_t)k + n);")
+def number(rows: Rows, k: int, n: int) -> wp.float32:
+    """Number n of row k."""
+    ...
+
+
+@wp.func_native("return *(rows.knots.data + k);")
+def knot(rows: Rows, k: int) -> wp.float64:
+    """Where interval k begins."""
+    ...
+
+
+@wp.func_native("return *(rows.bins.data + k);")
+def bin(rows: Rows, k: int) -> int:
+    """The interval of bin k."""
+    ...

@@ -35,6 +35,8 @@ ARCH = 75
 HOST_ONLY = (make_octants,)
 
 TF = wvr.TransferFunction([(0, "black", 0.0), (90, "red", 0.0), (90, "gold", 0.2), (255, "white", 0.3)])
+# Without jumps.
+SMOOTH = wvr.TransferFunction([(0, "black", 0.0), (90, "red", 0.0), (120, "gold", 0.2), (255, "white", 0.3)])
 INTEGRATORS: dict[str, Integrator] = {
     "certified": wvr.Certified(1 / 512),
     "exact": wvr.Exact(),
@@ -76,6 +78,10 @@ def scenes() -> dict[str, Callable[[], Any]]:
         add(f"{name} labels", volume(), None, segmentation=labels, **options)
         add(f"{name} clip volume", volume(), clip=solid, **options)
         add(f"{name} absent", volume("float32", nan="transparent"), **options)
+    for name in ("", "cut"):
+        add(f"certified smooth {name}".strip(), volume(), SMOOTH, integrator=INTEGRATORS["certified"], **extras[name])
+    add("certified smooth absent", volume("float32", nan="transparent"), SMOOTH, integrator=INTEGRATORS["certified"])
+    add("certified smooth float64", volume("float64"), SMOOTH, integrator=INTEGRATORS["certified"])
     for dtype in DTYPES:
         add(f"riemann {dtype}", volume(dtype), integrator=wvr.Riemann(0.5))
     for mode in MODES:
@@ -106,7 +112,7 @@ def _asked_for(kernels: dict[wp.Kernel, str], name: str) -> Iterator[None]:
 
     def maker(make: Callable[[Any], wp.Kernel]) -> Callable[[Any], None]:
         def made(halves: Any) -> None:
-            kernels.setdefault(make(halves), name)
+            kernels.setdefault(make(halves), f"{name} again" if halves.again else name)
 
         return made
 

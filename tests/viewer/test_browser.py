@@ -238,6 +238,46 @@ def test_clips_and_the_script(browser, viewer):
         assert script.startswith("import wvr") and "wvr.render(" in script
 
 
+def test_handles_of_clips(browser, viewer):
+    """By mouse and by keys; the picture follows while they are held, and control and Z undoes a drag."""
+    with Page(browser, viewer, width=760, height=420) as page:
+        page.page.get_by_text("Clip", exact=True).click()
+        for kind in ("sphere", "plane"):
+            page.changed(page.page.get_by_label(f"Cut by a {kind}").click)
+        first = page.changed(lambda: page.page.get_by_label("Plane at").fill("0.2"))  # not where the ball's centre is
+        names = page.page.locator(".wvr-handle").evaluate_all("all => all.map((one) => one.ariaLabel)")
+        assert names == ["Tilt the plane", "Move the plane", "Radius of the sphere", "Move the sphere"]
+        handle = page.page.get_by_role("slider", name="Move the plane")
+        box = handle.bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        seen = len(page.page.evaluate("window.pictures"))
+
+        def drag():
+            page.page.mouse.move(x, y)
+            page.page.mouse.down()
+            for step in range(4):
+                page.page.mouse.move(x - 3 * step, y - 3 * step)
+                page.until(f"window.pictures.length > {seen + step}")
+            assert page.page.evaluate(f"window.pictures.slice({seen}).some((one) => !one.whole)"), "coarse while held"
+            page.page.mouse.up()
+
+        dragged = page.changed(drag)
+        assert not np.array_equal(dragged, first)
+        clips = page.page.evaluate("window.pictures.at(-1).overlay.handles.map((one) => one.at)")
+        now = handle.bounding_box()
+        left, top, width, height = page.page.locator(".wvr-overlay").bounding_box().values()
+        center = (now["x"] + now["width"] / 2 - left) / width, (now["y"] + now["height"] / 2 - top) / height
+        assert center == pytest.approx(clips[1], abs=2e-3), "it is drawn where it is"
+        assert page.page.evaluate("document.activeElement.ariaLabel") == "Move the plane"
+        assert np.array_equal(page.changed(lambda: page.page.keyboard.press("Control+z")), first)
+        assert np.array_equal(page.changed(lambda: page.page.keyboard.press("Control+Shift+z")), dragged)
+        before = float(handle.get_attribute("aria-valuenow"))
+        page.changed(lambda: handle.press("ArrowDown"))
+        assert float(handle.get_attribute("aria-valuenow")) == pytest.approx(before - 0.01, abs=1e-4)
+        page.page.get_by_label("Handles in the picture").click()
+        assert not page.page.locator(".wvr-overlay").is_visible()
+
+
 def test_two_pages(browser, viewer):
     with Page(browser, viewer) as one, Page(browser, viewer, width=390, height=600) as other:
         one.pixels()

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import wvr
 from wvr.viewer import points
+from wvr.viewer.history import History
 
 scalars = st.floats(-10, 210)
 unit = st.floats(0, 1)
@@ -83,7 +84,7 @@ def test_what_is_no_edit_is_an_error(edit):
 
 
 def test_undo_and_redo():
-    history = points.History()
+    history = History()
     states = [function()]
     for scalar in (60.0, 70.0, 80.0):
         history.note(states[-1])
@@ -102,7 +103,7 @@ def test_undo_and_redo():
 
 
 def test_a_drag_is_one_edit():
-    history = points.History()
+    history = History()
     start = now = function()
     for opacity in (0.2, 0.3, 0.4):
         history.note(now, drag=1)

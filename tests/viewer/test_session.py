@@ -151,9 +151,9 @@ def test_the_editor_changes_the_picture_and_undo_brings_it_back():
         edited = assert_still(client)
         assert not np.array_equal(edited.pixels, first.pixels)
         assert client.last("state")["history"] == (1, 0)
-        client.say("edit", op="undo")
+        client.say("undo")
         assert np.array_equal(client.final().image.rgba, first.image.rgba)
-        client.say("edit", op="redo")
+        client.say("redo")
         assert np.array_equal(client.final().image.rgba, edited.image.rgba)
 
 
@@ -176,7 +176,7 @@ def test_a_saved_function_loads_exactly(tmp_path):
         text = client.last("state")["function"]
         (tmp_path / "tf.json").write_text(text)
         assert wvr.TransferFunction.load(tmp_path / "tf.json") == client.session.state.scene.transfer_function
-        client.say("edit", op="undo")
+        client.say("undo")
         client.say("edit", op="load", text=text)
         assert client.session.state.scene.transfer_function == wvr.TransferFunction.load(tmp_path / "tf.json")
 
@@ -283,7 +283,7 @@ def test_labels_are_shown_and_not_edited():
         assert picture.met and picture.image.rgba.max() > 0
         client.session.greet()
         assert client.last("state")["points"] is None and client.last("source")["suggestions"] == []
-        client.say("edit", op="undo")
+        client.say("edit", op="density", factor=2)
         assert "of labels" in client.errors[-1]
         client.say("view", name="reset")
         client.say("pointer_move", x=30, y=20, button=0)
@@ -362,6 +362,9 @@ def test_a_lost_state_comes_back():
         {"type": "restore", "state": {}},
         {"type": "frame", "index": -1},
         {"type": "light", "lamp": ["a", "b"]},
+        {"type": "grab", "handle": "plane at", "at": [0.5, 0.5]},
+        {"type": "grab"},
+        {"type": "nudge", "handle": "sphere radius", "key": "ArrowUp"},
         {"type": "view", "name": ["iso"]},
     ],
     ids=str,

@@ -239,10 +239,12 @@ class Certified(Integrator):
             "cell": shares.cell,
             "along": shares.along,
         }
-        if shares.single and keep.device.is_cpu:
+        if shares.single:
             low, high = np.array(scene.volume.range) - scene.shift
             rows = FittedRows(self.function(scene, scene.functions[0]), float(low), float(high))
-            numbers |= {"rows": keep(rows), "octants": keep(Octants(scene.kinds()))}
+            numbers["rows"] = keep(rows)
+            if keep.device.is_cpu:
+                numbers["octants"] = keep(Octants(scene.kinds()))
         return numbers
 
     def spent(self, scene: Scene, keep: Keeper) -> dict[str, float]:

@@ -8,8 +8,8 @@ from typing import Any
 from ..camera import Camera
 from ..preset_points import PRESETS
 from ..views import PATIENT, WORLD
-from .clips import Settings
-from .points import History, described
+from .history import History
+from .points import described
 from .state import Source, State, lamp_of
 
 Json = dict[str, Any]
@@ -45,7 +45,7 @@ def source_json(source: Source) -> Json:
     }
 
 
-def state_json(state: State, clips: Settings, history: History) -> Json:
+def state_json(state: State, history: History[Any]) -> Json:
     """What a client shows of a state."""
     scene, tf = state.scene, state.scene.transfer_function
     lighting, shadows = scene.lights()
@@ -55,7 +55,7 @@ def state_json(state: State, clips: Settings, history: History) -> Json:
         "unit": None if tf is None else tf.unit_distance,
         "function": None if tf is None else tf.to_json(),
         "history": history.depth,
-        "clips": clips,
+        "clips": state.cuts,
         "lighting": lighting is not None,
         "shadows": shadows is not None,
         "lamp": scene.lamp or lamp_of(lighting, scene.camera),

@@ -1,4 +1,4 @@
-"""What an editor of transfer functions says, done: each edit noted for undo."""
+"""What an editor of transfer functions says, done."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from ..defaults import function_of, recolored
 from ..transfer_function import TransferFunction
 from ..validation import choice
 from . import points
-from .points import History
 from .state import Source
 
-OPERATIONS = ("move", "color", "add", "remove", "density", "choose", "load", "undo", "redo")
+OPERATIONS = ("move", "color", "add", "remove", "density", "choose", "load")
 
 
-def edited(tf: TransferFunction, message: dict[str, Any], history: History, source: Source) -> TransferFunction:
+def edited(tf: TransferFunction, message: dict[str, Any], source: Source) -> TransferFunction:
     """The transfer function after an edit.
 
     Parameters
@@ -22,19 +21,8 @@ def edited(tf: TransferFunction, message: dict[str, Any], history: History, sour
     message
         ``op``, one of ``OPERATIONS``, and what it needs: ``index``, ``scalar``, ``opacity`` and ``color`` (#rrggbb) of
         a point, ``factor`` of the extinction, ``name`` of a suggestion, preset or colour map, ``text`` of a file.
-        Edits with the same ``drag`` are undone together.
     """
     op = choice(message["op"], "op", OPERATIONS)
-    if op == "undo":
-        return history.undo(tf)
-    if op == "redo":
-        return history.redo(tf)
-    result = _done(op, tf, message, source)
-    history.note(tf, message.get("drag"))
-    return result
-
-
-def _done(op: str, tf: TransferFunction, message: dict[str, Any], source: Source) -> TransferFunction:
     if op == "move":
         return points.moved(tf, message["index"], float(message["scalar"]), float(message["opacity"]))
     if op == "color":

@@ -10,9 +10,6 @@ import numpy as np
 from ..color import linear_rgb, linear_to_srgb
 from ..transfer_function import MAX_OPACITY, TransferFunction
 
-# Undo goes so many edits back.
-MOST = 200
-
 
 def moved(tf: TransferFunction, index: int, scalar: float, opacity: float) -> TransferFunction:
     """A point elsewhere, but not past its neighbours; two may meet, which is a jump."""
@@ -75,43 +72,6 @@ def described(tf: TransferFunction) -> list[list[Any]]:
     encoded = np.rint(np.clip(linear_to_srgb(tf.colors), 0, 1) * 255).astype(int)
     colors = [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in encoded]
     return [list(point) for point in zip(tf.knots.tolist(), colors, tf.opacities.tolist(), strict=True)]
-
-
-class History:
-    """Transfer functions that were, for undo and redo. Edits of one drag are one."""
-
-    def __init__(self) -> None:
-        self._past: list[TransferFunction] = []
-        self._future: list[TransferFunction] = []
-        self._drag: Any = None
-
-    def note(self, before: TransferFunction, drag: Any = None) -> None:
-        """An edit of ``before``; those with an equal ``drag`` that is not None are one."""
-        if drag is None or drag != self._drag:
-            self._past = [*self._past, before][-MOST:]
-        self._future, self._drag = [], drag
-
-    def undo(self, now: TransferFunction) -> TransferFunction:
-        """The one before; the same where there is none."""
-        return self._step(self._past, self._future, now)
-
-    def redo(self, now: TransferFunction) -> TransferFunction:
-        """The one that was undone last; the same where there is none."""
-        return self._step(self._future, self._past, now)
-
-    @property
-    def depth(self) -> tuple[int, int]:
-        """How often undo and redo do something."""
-        return len(self._past), len(self._future)
-
-    def _step(
-        self, source: list[TransferFunction], sink: list[TransferFunction], now: TransferFunction
-    ) -> TransferFunction:
-        self._drag = None
-        if not source:
-            return now
-        sink.append(now)
-        return source.pop()
 
 
 def _room(tf: TransferFunction, index: int) -> tuple[float, float]:

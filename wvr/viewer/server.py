@@ -37,6 +37,7 @@ PAGE = {
     "page.js": ("page.js", "text/javascript"),
     "viewer.js": ("viewer.js", "text/javascript"),
     "editor.js": ("editor.js", "text/javascript"),
+    "overlay.js": ("overlay.js", "text/javascript"),
     "panel.js": ("panel.js", "text/javascript"),
     "viewer.css": ("viewer.css", "text/css"),
 }

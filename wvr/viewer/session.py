@@ -7,24 +7,44 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from ..camera import Camera, image_size
 from ..transfer_function import TransferFunction
+from ..validation import choice, finite_vector
 from . import cameras, edits
-from .clips import DEFAULTS, Settings, clips_of, updated
+from .clips import Settings, clips_of, updated
 from .describe import camera_json, source_json, state_json
+from .handles import Floats, Handle, View, anchor_of, handles, overlay
+from .history import History
 from .loop import Loop
 from .painter import Painter, Picture
 from .pick import pick
 from .pointer import ARROWS, Pointer, arrow, wheel
-from .points import History
 from .script import script
 from .state import MOST_PIXELS, UNSEEN, Scene, Source, State
 
 Message = dict[str, Any]
+# What undo goes back to.
+Edited = tuple[TransferFunction | None, Settings]
+# Steps to the right, upwards and away, of the keys of a handle; with shift they are a tenth.
+STEPS = {
+    "ArrowLeft": (-1, 0, 0), "ArrowRight": (1, 0, 0), "ArrowDown": (0, -1, 0), "ArrowUp": (0, 1, 0),
+    "PageDown": (0, 0, -1), "PageUp": (0, 0, 1),
+}  # fmt: skip
 # What a client is sent: a message, and the picture that it is of.
 Send = Callable[[Message, Picture | None], None]
+
+
+class Grab(NamedTuple):
+    """A handle that is held, as far from the pointer as it was taken, and the settings before."""
+
+    handle: Handle
+    offset: Floats
+    cuts: Settings
+    number: int
 
 
 class Session:
@@ -43,8 +63,9 @@ class Session:
         self._send = send
         self._pointer = Pointer()
         self._logical = (1, 1)
-        self._clips = DEFAULTS
-        self._history = History()
+        self._grab: Grab | None = None
+        self._grabs = 0
+        self._history: History[Edited] = History()
         self._painter = Painter(source)
         self._loop: Loop[State, Any, Picture] = Loop(State(source.first), self._painter, self._show)
 
@@ -96,11 +117,12 @@ class Session:
             "pixels": image.size,
             "size": scene.size,
             "camera": camera_json(scene.camera),
+            "overlay": overlay(picture.state, self.source.first_volume.corners),
         }
         self._send(header, picture)
 
     def _tell(self) -> None:
-        self._send(state_json(self.state, self._clips, self._history), None)
+        self._send(state_json(self.state, self._history), None)
 
     def _change(self, **fields: Any) -> None:
         """Of the scene."""
@@ -195,22 +217,77 @@ class Session:
         tf = self._scene.transfer_function
         if tf is None:
             raise ValueError("transfer functions of labels are not edited here")
-        edited = edits.edited(tf, message, self._history, self.source)
+        edited = edits.edited(tf, message, self.source)
+        self._history.note(self._edited, message.get("drag"))
         self._change(transfer_function=edited)
         self._tell()
 
     def _on_clip(self, message: Message) -> None:
-        self._cut(updated(self._clips, message["kind"], message["set"]))
+        self._cut(updated(self.state.cuts, message["kind"], message["set"]), drag=message.get("drag"))
 
     def _on_facing(self, message: Message) -> None:
         """The plane faces the camera: what is nearer than its middle is cut away."""
         forward = self._scene.camera.basis()[2]
-        self._cut(updated(self._clips, "plane", {"on": True, "normal": forward.tolist()}))
+        self._cut(updated(self.state.cuts, "plane", {"on": True, "normal": forward.tolist()}))
 
-    def _cut(self, settings: Settings) -> None:
-        clips = clips_of(settings, self.source.first_volume.corners)
-        self._clips = settings
-        self._change(clips=(*self.source.clips, *clips))
+    def _cut(self, cuts: Settings, anchor: tuple[float, ...] | None = None, drag: Any = None) -> None:
+        """Other clips, which undo takes back."""
+        before = self._edited
+        self._become(cuts, anchor)
+        self._history.note(before, drag)
+        self._tell()
+
+    def _become(self, cuts: Settings, anchor: tuple[float, ...] | None = None, **fields: Any) -> None:
+        """Other clips, and fields of the scene."""
+        fields["clips"] = (*self.source.clips, *clips_of(cuts, self.source.first_volume.corners))
+        self._loop.change(lambda state: replace(state, scene=replace(state.scene, **fields), cuts=cuts, anchor=anchor))
+
+    @property
+    def _edited(self) -> Edited:
+        return self._scene.transfer_function, self.state.cuts
+
+    # Handles in the picture: their places are parts of its width and height.
+
+    def _handle(self, name: str) -> Handle:
+        found = {handle.name: handle for handle in handles(self.state, self.source.first_volume.corners)}
+        return found[choice(name, "handle", tuple(found))]
+
+    def _place(self, message: Message) -> Floats:
+        return finite_vector([*message["at"], 0.0], "at", "a place")[:2] * self._scene.size - 0.5
+
+    def _on_grab(self, message: Message) -> None:
+        handle, view = self._handle(message["handle"]), View(self._scene.camera, self._scene.size)
+        self._grabs += 1
+        self._grab = Grab(handle, view.place(handle.position) - self._place(message), self.state.cuts, self._grabs)
+        if handle.kind == "plane":
+            anchor = tuple(anchor_of(self.state, self.source.first_volume.corners).tolist())
+            self._loop.change(lambda state: replace(state, anchor=anchor))
+
+    def _on_pull(self, message: Message) -> None:
+        if self._grab is not None:
+            handle, offset, cuts, number = self._grab
+            changes = handle.pull(View(self._scene.camera, self._scene.size), self._place(message) + offset)
+            self._cut(updated(cuts, handle.kind, changes), self.state.anchor, ("handle", number))
+
+    def _on_drop(self, message: Message) -> None:
+        self._grab = None
+        self._loop.change(lambda state: replace(state, anchor=None))
+
+    def _on_nudge(self, message: Message) -> None:
+        handle = self._handle(message["handle"])
+        steps = np.array(STEPS[choice(message["key"], "key", tuple(STEPS))]) * (0.1 if message.get("fine") else 1.0)
+        changes = handle.nudge(View(self._scene.camera, self._scene.size), steps)
+        self._cut(updated(self.state.cuts, handle.kind, changes), drag=("nudge", handle.name))
+
+    def _on_undo(self, message: Message) -> None:
+        self._step(self._history.undo)
+
+    def _on_redo(self, message: Message) -> None:
+        self._step(self._history.redo)
+
+    def _step(self, step: Callable[[Edited], Edited]) -> None:
+        tf, cuts = step(self._edited)
+        self._become(cuts, transfer_function=tf)
         self._tell()
 
     def _on_light(self, message: Message) -> None:
@@ -260,11 +337,10 @@ class Session:
         }
         if known["function"] is not None and self._scene.transfer_function is not None:
             fields["transfer_function"] = TransferFunction.from_json(known["function"])
-        settings = self._clips
+        cuts = self.state.cuts
         for kind, changes in known["clips"].items():
-            settings = updated(settings, kind, changes)
-        self._cut(settings)
-        self._change(**fields)
+            cuts = updated(cuts, kind, changes)
+        self._become(cuts, **fields)
         light = {name: known[name] for name in ("lighting", "shadows", *(("lamp",) if known["placed"] else ()))}
         self._on_light(light)
         self._on_marks(known)

@@ -23,6 +23,7 @@ from ..renderer import Renderer
 from ..sources import as_volume
 from ..transfer_function import TransferFunction
 from ..volume import Volume
+from .clips import DEFAULTS, Settings
 from .histogram import histogram
 
 if TYPE_CHECKING:
@@ -75,11 +76,21 @@ class Scene:
 
 @dataclass(frozen=True)
 class State:
-    """A scene, and what is drawn over its picture: the bound on its error, and the edges of the volume's box."""
+    """A scene, and what is drawn over its picture: the bound on its error, the edges of the volume's box, and handles.
+
+    Attributes
+    ----------
+    cuts
+        The settings of the scene's clips that are the viewer's.
+    anchor
+        While a handle is held: the handles of the plane are where this is nearest to the plane.
+    """
 
     scene: Scene
     bound: bool = False
     outline: bool = False
+    cuts: Settings = field(default_factory=lambda: DEFAULTS)
+    anchor: tuple[float, ...] | None = None
 
 
 def towards(lamp: tuple[float, float], camera: Camera) -> tuple[float, ...]:

@@ -24,7 +24,7 @@ from .state import Source
 STILL = 512
 PATIENCE = 60.0
 # Each after what it imports.
-MODULES = ("editor.js", "panel.js", "viewer.js", "widget.js")
+MODULES = ("editor.js", "overlay.js", "panel.js", "viewer.js", "widget.js")
 
 
 def front_end() -> str:

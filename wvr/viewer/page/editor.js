@@ -9,7 +9,7 @@ const TICKS = [0.001, 0.01, 0.1, 0.3, 1]
 // Between two control points, so many places of the curve: opacity is not linear there, extinction is.
 const PARTS = 12
 
-function svg (tag, attributes, ...children) {
+export function svg (tag, attributes, ...children) {
   const element = document.createElementNS(SPACE, tag)
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value)
   element.append(...children)

@@ -6,12 +6,14 @@ const HELP = [
   ['Control + drag', 'spin'], ['Arrows', 'turn; with shift move'], ['+ and -', 'zoom'],
   ['r', 'all that is visible in the frame'], ['v', 'isometric view'],
   ['f', 'turn around what is under the mouse, or in the middle'], ['w and s', 'with and without the edges of the box'],
-  ['b', 'the bound on the error of each pixel'], ['C', 'the camera in Python'], ['S', 'screenshot']
+  ['b', 'the bound on the error of each pixel'], ['h', 'with and without the handles of clips'],
+  ['On a handle', 'drag; arrows, page up and down, with shift finer'], ['Control + Z, with shift', 'undo, redo'], ['C', 'the camera in Python'], ['S', 'screenshot']
 ]
 const AXES = [['x', [-1, 0, 0]], ['y', [0, -1, 0]], ['z', [0, 0, -1]]]
 
-export function panel (make, send, pace, { screenshot, download, focus }) {
+export function panel (make, send, pace, { screenshot, download, focus, showHandles }) {
   const setters = []
+  let drag = 0
   const button = (text, onclick, attributes = {}) => make('button', { type: 'button', onclick, ...attributes }, text)
   const section = (title, open, ...children) =>
     make('details', { open }, make('summary', {}, title), make('div', { class: 'wvr-section' }, ...children))
@@ -25,10 +27,10 @@ export function panel (make, send, pace, { screenshot, download, focus }) {
   function slider (text, range, read, change) {
     const [min, max, step] = range
     const output = make('output')
-    const input = make('input', { type: 'range', min, max, step })
+    const input = make('input', { type: 'range', min, max, step, onchange: () => { drag++ } })
     input.addEventListener('input', () => {
       output.textContent = input.value
-      pace.put(text, change(Number(input.value)))
+      pace.put(text, { ...change(Number(input.value)), drag: `${text} ${drag}` })
     })
     setters.push((state) => {
       set(input, read(state))
@@ -45,11 +47,17 @@ export function panel (make, send, pace, { screenshot, download, focus }) {
       make('optgroup', { label }, ...names.map((name) => make('option', { value: name }, name)))))
   }
 
+  // Of transfer functions and clips
+  const undo = button('Undo', () => send({ type: 'undo' }))
+  const redo = button('Redo', () => send({ type: 'redo' }))
+  setters.push((state) => {
+    undo.disabled = state.history[0] === 0
+    redo.disabled = state.history[1] === 0
+  })
+
   // Transfer function
   const points = editor(make, send, pace)
   const [functions, functionInput] = select('Function', (name) => ({ type: 'edit', op: 'choose', name }))
-  const undo = button('Undo', () => send({ type: 'edit', op: 'undo' }))
-  const redo = button('Redo', () => send({ type: 'edit', op: 'redo' }))
   let known = null
   const file = make('input', {
     type: 'file',
@@ -63,7 +71,7 @@ export function panel (make, send, pace, { screenshot, download, focus }) {
   const density = (text, factor, label) =>
     button(text, () => send({ type: 'edit', op: 'density', factor }), { 'aria-label': label })
   const transfer = section('Transfer function', true, points.element,
-    make('div', { class: 'wvr-buttons' }, undo, redo, density('Thinner', 1 / 1.25, 'Thinner'), density('Denser', 1.25, 'Denser')),
+    make('div', { class: 'wvr-buttons' }, density('Thinner', 1 / 1.25, 'Thinner'), density('Denser', 1.25, 'Denser')),
     functions,
     make('div', { class: 'wvr-buttons' },
       button('Save', () => download(new Blob([known.function], { type: 'application/json' }), 'transfer-function.json')),
@@ -71,8 +79,6 @@ export function panel (make, send, pace, { screenshot, download, focus }) {
   setters.push((state) => {
     transfer.hidden = state.points === null
     if (state.points !== null) points.state(state)
-    undo.disabled = state.history[0] === 0
-    redo.disabled = state.history[1] === 0
   })
 
   // Light
@@ -107,7 +113,9 @@ export function panel (make, send, pace, { screenshot, download, focus }) {
     make('div', { class: 'wvr-buttons' },
       check(`Cut by a ${title.toLowerCase()}`, (state) => state.clips[name].on, clip(name, 'on')),
       check('Inverted', (state) => state.clips[name].invert, clip(name, 'invert'))), ...children)
+  const handles = make('input', { type: 'checkbox', checked: true, onchange: () => showHandles(handles.checked) })
   const clips = section('Clip', false,
+    make('label', { class: 'wvr-check' }, handles, 'Handles in the picture'),
     kind('plane', 'Plane', slider('Plane at', part, (state) => state.clips.plane.at, clip('plane', 'at')),
       make('div', { class: 'wvr-buttons' },
         ...AXES.map(([axis, normal]) => button(`Across ${axis}`, () => send({ type: 'clip', kind: 'plane', set: { normal, on: true } }))),
@@ -166,11 +174,12 @@ export function panel (make, send, pace, { screenshot, download, focus }) {
   const name = make('h1')
   const about = make('p', { class: 'wvr-note' })
   const element = make('aside', { class: 'wvr-panel', 'aria-label': 'Settings' },
-    make('header', {}, name, about), time, transfer, light, view, clips, take, dialog)
+    make('header', {}, name, about, make('div', { class: 'wvr-buttons' }, undo, redo)), time, transfer, light, view, clips, take, dialog)
 
   return {
     element,
     help,
+    handles,
     text: open,
     source (message) {
       name.textContent = message.title

@@ -1,4 +1,5 @@
 // The viewer in an element: draws pictures that are sent, and says what its user does. Nothing is computed here.
+import { overlay } from './overlay.js'
 import { panel } from './panel.js'
 
 const KEYS = ['r', 'v', 'w', 's', 'b', 'f', '+', '-', '=', 'C', 'ArrowLeft', 'ArrowRight', 'ArrowUp', 'ArrowDown']
@@ -51,7 +52,7 @@ function paced (send) {
 }
 
 // Pointer, wheel and keys of an element, as events of rendercanvas.
-function listen (canvas, send, screenshot, help) {
+function listen (canvas, send, { screenshot, help, handles }) {
   const pace = paced(send)
   const down = new Map()
   let spread = 0
@@ -104,6 +105,7 @@ function listen (canvas, send, screenshot, help) {
     if (event.ctrlKey || event.altKey || event.metaKey) return
     if (event.key === 'S') screenshot()
     else if (event.key === '?') help()
+    else if (event.key === 'h') handles.click()
     else if (KEYS.includes(event.key)) {
       const at = canvas.matches(':hover') ? canvas.under : undefined
       send({ type: 'key_down', key: event.key, modifiers: modifiers(event), ...at })
@@ -121,7 +123,8 @@ export function start (root, send) {
   const spoken = make('span', { class: 'wvr-spoken', role: 'status' })
   const under = make('span', { class: 'wvr-under' })
   const problem = make('p', { class: 'wvr-problem', role: 'alert', hidden: true })
-  const stage = make('div', { class: 'wvr-stage' }, canvas, problem)
+  const handles = overlay(send, paced(send))
+  const stage = make('div', { class: 'wvr-stage' }, canvas, handles.element, problem)
   const line = make('div', { class: 'wvr-line' }, status, under, spoken)
   let arrived = 0
   let drawn = 0
@@ -130,10 +133,22 @@ export function start (root, send) {
   let last = null
 
   const screenshot = () => { if (last !== null) download(last, 'wvr.png') }
-  const side = panel(make, send, paced(send), { screenshot, download, focus: () => canvas.focus() })
+  const side = panel(make, send, paced(send), {
+    screenshot, download, focus: () => canvas.focus(), showHandles: handles.show
+  })
   root.classList.add('wvr-viewer')
   root.replaceChildren(make('div', { class: 'wvr-main' }, stage, line), side.element)
-  listen(canvas, send, screenshot, side.help)
+  listen(canvas, send, { screenshot, help: side.help, handles: side.handles })
+  handles.element.addEventListener('wheel', (event) => {
+    event.preventDefault()
+    canvas.dispatchEvent(new WheelEvent('wheel', event))
+  }, { passive: false })
+  root.addEventListener('keydown', (event) => {
+    const control = (event.ctrlKey || event.metaKey) && !event.altKey
+    if (!control || event.key.toLowerCase() !== 'z' || event.target.matches('input[type="number"], textarea')) return
+    send({ type: event.shiftKey ? 'redo' : 'undo' })
+    event.preventDefault()
+  })
 
   function download (blob, name) {
     const link = make('a', { href: URL.createObjectURL(blob), download: name })
@@ -163,6 +178,7 @@ export function start (root, send) {
       const [width, height] = message.size
       if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height })
       context.drawImage(bitmap, 0, 0, width, height)
+      handles.draw(message.overlay)
       last = blob
       camera = message.camera
       status.textContent = message.status

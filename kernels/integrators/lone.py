@@ -1,0 +1,146 @@
+"""The certified walk of one ray in single precision, cell by cell: what GPUs run, where ``packed`` has packets.
+
+In float64 are where the ray begins, once, and of cells that are cut the cubic. Nothing is kept but a few numbers, none
+in arrays. A ray that needs more, beyond what it may be off by, is left to ``certified``, all of it, in a launch of its
+own: those registers are then not everybody's.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from ..field.narrow import FACE_ULPS
+from ..field.ticks import make_ticks, narrowed
+from ..ray import LEAVE
+from ..transfer.rows import number
+from .packed import ASTRAY, LEFT
+from .parts import make_parts
+from .rowed import make_rowed
+
+
+@wp.struct
+class Sum:
+    """A sum in single precision, and what its additions rounded away."""
+
+    high: wp.float32
+    low: wp.float32
+
+
+@wp.func
+def plus(s: Sum, x: wp.float32):
+    """The sum and x."""
+    high = s.high + x
+    part = high - s.high
+    s.low += (s.high - (high - part)) + (x - part)
+    s.high = high
+    return s
+
+
+@wp.func
+def total(s: Sum):
+    """What it comes to."""
+    return wp.float64(s.high) + wp.float64(s.low)
+
+
+@wp.struct
+class Seen:
+    """What a ray has seen so far."""
+
+    red: Sum
+    green: Sum
+    blue: Sum
+    depth: Sum
+    bound: Sum
+    T: wp.float32
+    count: int
+    left_over: int
+
+
+@cache
+def make_lone(halves):
+    """The march, as of ``scene``, without light; what it counts are cells and pieces."""
+    real = wp.float32
+    Scene = halves.Scene
+    enter, pass_one = make_ticks()
+    narrow = halves.field.narrow()
+    centered = halves.field.centered()
+    by_rows = make_rowed()
+    cut = make_parts()
+
+    @wp.func
+    def march(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, begin: wp.float64, end: wp.float64):
+        spend = wp.vec3(wp.float32(scene.march.cell), wp.float32(scene.march.along), wp.float32(scene.march.brightest))
+        clear = real(wp.float64(1.0) - scene.opaque)
+        d = wp.vec3(direction)
+        walk = enter(scene.field.last, origin, direction, begin, end)
+        # In double precision there is nothing but that and the direction.
+        start = origin + begin * direction
+        ulps = real(wp.static(FACE_ULPS)) + real(9.0) * walk.blur
+        # All that changes is in structs: what is assigned in branches would keep registers for what is not there.
+        ray = Seen()
+        ray.T = real(1.0)
+        if scene.view.astray > wp.float64(ASTRAY):
+            # Further than what single precision has room for (S1).
+            ray.left_over = 1
+        while walk.t < walk.end and ray.T >= clear and ray.left_over == 0:
+            walk, here = pass_one(scene.blocks, walk)
+            if here.found != 0:
+                c = narrow(scene.field, here.cell, here.middle, d, here.h, ulps)
+                one, row = by_rows(scene.march.rows, scene.blocks, spend, here.cell, c)
+                L = c.h + c.h
+                T = ray.T
+                ray.count += 1
+                # What the ray was allowed so far and has not spent.
+                left = spend[0] * (real(1.0) - T) + spend[1] * (narrowed(here.start) * walk.tick)
+                left = real(0.99) * (left - ray.bound.high) / T
+                over = real(wp.static(LEFT)) * wp.max(left, real(0.0))
+                if one.fine or one.e <= spend[0] * one.A + spend[1] * L + over:
+                    TA = T * one.A
+                    TV = T * one.V + TA * one.off
+                    ray.red = plus(
+                        ray.red, TA * number(scene.march.rows, row, 8) + TV * number(scene.march.rows, row, 12)
+                    )
+                    ray.green = plus(
+                        ray.green, TA * number(scene.march.rows, row, 9) + TV * number(scene.march.rows, row, 13)
+                    )
+                    ray.blue = plus(
+                        ray.blue, TA * number(scene.march.rows, row, 10) + TV * number(scene.march.rows, row, 14)
+                    )
+                    ray.bound = plus(ray.bound, T * one.e)
+                    ray.depth = plus(ray.depth, one.x)
+                elif (c.mean + c.m1 + c.m2 + c.m3) - (c.mean + c.m1 + c.m2 + c.m3) == real(0.0):
+                    # Cut, about its middle in double precision.
+                    tick = wp.float64(0.5) * wp.float64(walk.tick)
+                    h = wp.float64(here.stop - here.start) * tick
+                    p = start + (wp.float64(here.start + here.stop) * tick) * direction
+                    i = here.cell[0]
+                    j = here.cell[1]
+                    k = here.cell[2]
+                    p -= wp.vec3d(wp.float64(i), wp.float64(j), wp.float64(k))
+                    m = centered(scene.field, i, j, k, p, h * direction, wp.float64(1.0))
+                    part = cut(scene.march.rows, scene.transfer, spend, m, c.h)
+                    ray.count += part.pieces
+                    if part.whole == 0 or not part.e <= spend[0] * part.A + spend[1] * L + over:
+                        ray.left_over = 1
+                    ray.red = plus(ray.red, T * part.color[0])
+                    ray.green = plus(ray.green, T * part.color[1])
+                    ray.blue = plus(ray.blue, T * part.color[2])
+                    ray.bound = plus(ray.bound, T * part.e)
+                    ray.depth = plus(ray.depth, part.x)
+                # Else absent.
+                ray.T = wp.exp(-ray.depth.high)
+        opacity = wp.float64(1.0) - wp.exp(-total(ray.depth))
+        error = wp.float64(1.00001) * total(ray.bound)
+        error += opacity * scene.march.tinted + wp.float64(ray.count) * scene.march.sum
+        if walk.t < walk.end or (wp.static(halves.cuts.any) and ray.T < clear):
+            # What is behind is not visited; nor is, of a ray that is cut, what is behind this stretch.
+            error += (wp.float64(1.0) - opacity) * scene.march.brightest
+        if scene.stretch == 0:
+            # Of the ray as a whole.
+            error += scene.march.veiled
+            error += wp.max(scene.view.astray - scene.march.allowed, wp.float64(0.0)) * scene.march.astray
+        if ray.left_over != 0:
+            error = LEAVE
+        return wp.vec4d(total(ray.red), total(ray.green), total(ray.blue), opacity), ray.count, error
+
+    return march
