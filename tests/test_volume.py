@@ -143,3 +143,12 @@ def test_a_pickled_volume_is_the_same_without_what_is_on_devices():
         np.testing.assert_array_equal(copy.numpy(), volume.numpy())
         np.testing.assert_array_equal(copy.index_to_world, volume.index_to_world)
         np.testing.assert_array_equal(copy.on("cpu").numpy(), volume.on("cpu").numpy())
+
+
+def test_dtype_and_size_are_known_without_a_copy(monkeypatch):
+    """Of samples on another device, for which one of Warp's own stands here."""
+    volume = wvr.Volume(np.zeros((2, 3, 4), np.int16))
+    expected = volume.dtype, volume.nbytes
+    volume._data = wp.array(volume.numpy(), dtype=wp.int16, device="cpu")
+    monkeypatch.setattr(wvr.Volume, "host", None)
+    assert (volume.dtype, volume.nbytes) == expected == (np.int16, 48)

@@ -126,7 +126,8 @@ class Volume(Field):
     @property
     def dtype(self) -> np.dtype:
         """The samples' own dtype."""
-        return self.host().dtype
+        # Of samples on another device, without a copy of them.
+        return self._data.dtype if isinstance(self._data, np.ndarray) else np.dtype(wp.dtype_to_numpy(self._data.dtype))
 
     @cached_property
     def index_to_world(self) -> NDArray[np.float64]:
@@ -286,7 +287,7 @@ class Volume(Field):
 
     @property
     def nbytes(self) -> int:  # type: ignore[override]
-        return self.host().nbytes
+        return int(np.prod(self.shape)) * self.dtype.itemsize
 
     def missing_on(self, device: wp.Device) -> int:
         return 0 if device.is_cpu or device.alias in self._device_arrays else self.nbytes
