@@ -135,9 +135,10 @@ def least(store: Path) -> int:
     keep = Keeper(get_device("cpu"))
     march = Streamed(scene, camera, (512, 512), keep, Reading())
     edges = [sorted({0, *(s - 1 for s in along[1:-1]), *along[1:-1], along[-1] - 1}) for along in volume.starts]
-    apart = Bricks(tuple(map(tuple, edges)))  # type: ignore[arg-type]
+    apart = Bricks(tuple(map(tuple, edges)))
     caster = Caster(scene, camera, (512, 512), apart, keep)
-    blocks, image, must = march.blocks(1 << 30), caster.nothing(), set()
+    blocks, image = march.blocks(1 << 30), caster.nothing()
+    must: set[tuple[int, ...]] = set()
     first = apart.first(volume, camera)
     for index in march.order:
         if march.wanted(image, index) is None:
@@ -147,7 +148,8 @@ def least(store: Path) -> int:
             [k for k in range(len(along) - 1) if a <= along[k] and along[k + 1] <= b]
             for along, a, b in zip(apart.edges, low, high, strict=True)
         ]
-        for part in sorted(product(*spans), key=lambda p: sum(abs(i - j) for i, j in zip(p, first, strict=True))):
+        parts = [(i, j, k) for i, j, k in product(*spans)]
+        for part in sorted(parts, key=lambda p: sum(abs(i - j) for i, j in zip(p, first, strict=True))):
             rect = caster.footprint(part)
             if rect is None or caster.ended(image, rect):
                 continue
