@@ -60,16 +60,21 @@ def stopped(view: View):
 
 
 @wp.func
-def pixel(view: View, item: int):
-    """Column and row of a work item; the row is ``height`` or more where there is nothing to do: beyond the image, or
-    when the rest of it is no longer asked for.
-    """
+def place(view: View, item: int):
+    """Column and row of a work item, whether there is anything to do or not."""
     across = (view.width + TILE - 1) // TILE
     tile = item // (TILE * TILE)
     within = item - tile * TILE * TILE
     row = tile // across
-    x = (tile - row * across) * TILE + within % TILE
-    y = row * TILE + within // TILE
+    return (tile - row * across) * TILE + within % TILE, row * TILE + within // TILE
+
+
+@wp.func
+def pixel(view: View, item: int):
+    """Column and row of a work item; the row is ``height`` or more where there is nothing to do: beyond the image, or
+    when the rest of it is no longer asked for, which may be so at any time: asked again it may say something else.
+    """
+    x, y = place(view, item)
     if x >= view.width or stopped(view):
         y = view.height
     return x, y

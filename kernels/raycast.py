@@ -12,7 +12,7 @@ import warp as wp
 from .bricks.brick import clearing, has, on_grain, owned
 from .cuts.stretches import make_stretches
 from .precision import vec4_of
-from .ray import FAR, LEAVE, View, ending, entry, inside, inverted, line, pixel
+from .ray import FAR, LEAVE, View, ending, entry, inside, inverted, line, pixel, place
 
 
 @wp.func
@@ -246,7 +246,8 @@ def make_raycasts(halves):
         march(scene, lines, results)
         for r in range(last):
             if going[r] != 0:
-                x, y = pixel(scene.view, first + r)
+                # Cancelled meanwhile or not: its pixel is where it was.
+                x, y = place(scene.view, first + r)
                 hit = lines[r, 7] > lines[r, 6]
                 ray = wp.vec4d()
                 bound = wp.float64(0.0)
