@@ -359,3 +359,54 @@ def test_time(browser):
         first = page.pixels()
         later = page.changed(lambda: page.page.get_by_label("Time").fill("1"))
         assert not np.array_equal(first, later)
+
+
+def test_the_widget_has_handles(browser, monkeypatch):
+    """The front end of notebooks, with a kernel that is here."""
+    pytest.importorskip("anywidget")
+    from wvr.viewer.widget import Widget, front_end
+
+    sent = []
+    monkeypatch.setattr(Widget, "send", lambda self, content, buffers=None: sent.append((content, buffers)))
+    widget, context = Widget(source()), browser.new_context(viewport={"width": 900, "height": 600})
+    try:
+        page = context.new_page()
+        page.expose_function("tell", lambda message: widget._receive(widget, message, []))
+        page.set_content("<div id='cell'></div>")
+        page.add_style_tag(content=widget._css)
+        page.add_script_tag(type="module", content=front_end().replace("export default", "window.made ="))
+        page.wait_for_function("window.made")
+        page.evaluate(
+            "made.render({ el: document.getElementById('cell'), model: { send: tell, get: () => '',"
+            " on: (_, receive) => { window.receive = receive }, off: () => {} } })"
+        )
+
+        def until(found):
+            end = time.monotonic() + 60
+            while not found():
+                assert time.monotonic() < end
+                while sent:
+                    content, buffers = sent.pop(0)
+                    png = [base64.b64encode(one).decode() for one in buffers or ()]
+                    page.evaluate(
+                        "([message, all]) => receive(message,"
+                        " all.map((one) => Uint8Array.from(atob(one), (letter) => letter.charCodeAt(0))))",
+                        [content, png],
+                    )
+                page.wait_for_timeout(20)
+
+        until(lambda: page.locator(".wvr-met").count())
+        page.get_by_text("Clip", exact=True).click()
+        page.get_by_label("Cut by a plane").click()
+        handle = page.locator("[data-name='plane at']")
+        until(handle.count)
+        box = handle.bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x - 20, y - 10)
+        page.mouse.up()
+        until(lambda: widget.session.state.cuts["plane"]["at"] != 0.5)
+    finally:
+        context.close()
+        widget.close()
