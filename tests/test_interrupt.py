@@ -179,6 +179,38 @@ def test_cancel(scene, count, threads):
     assert np.array_equal(again.rgba, wvr.render(*scene, (8, 8), **SLOW | {"integrator": wvr.Riemann(0.5)}).rgba)
 
 
+def test_cancelled_rays_stay_in_the_image(blobs, monkeypatch):
+    """Rays that are on their way when it is cancelled are written where they are, or nowhere: never below the image."""
+    made = []
+
+    def guarded(shape, **options):
+        if shape != (256, 256):
+            return empty(shape, **options)
+        array = empty((257, 256), **options)
+        array.zero_()
+        made.append(array)
+        return array[:256]
+
+    empty = wp.empty
+    renderer = wvr.Renderer(blobs, wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.1)]), device="cpu")
+    camera = wvr.Camera.fit(blobs)
+    renderer.render(camera, (256, 256))
+    monkeypatch.setattr(wp, "empty", guarded)
+    ended = 0
+    for wait in np.linspace(0.001, 0.03, 12):
+        event = threading.Event()
+        timer = threading.Timer(wait, event.set)
+        timer.start()
+        try:
+            renderer.render(camera, (256, 256), cancel=event)
+        except wvr.Cancelled:
+            ended += 1
+        timer.cancel()
+    assert ended > 2 and made
+    for array in made:
+        assert not np.any(array.numpy()[256].view(np.uint8))
+
+
 @pytest.mark.parametrize("options", [{}, {"integrator": wvr.Preintegrated(1.0)}, {"shadows": wvr.ConvolutionShadows()}])
 def test_cancelled_at_any_launch_keeps_nothing_half_made(options):
     """Also where buffers of the frame before are built over."""
