@@ -187,3 +187,19 @@ def test_spacings_that_differ(name, spacing):
         return
     tf = wvr.TransferFunction([(0, "red", 0), (4, "white", 0.5)])
     render(volume, tf, INTEGRATORS[name])
+
+
+@pytest.mark.parametrize("scale, edge", [(1e-14, 1e-4), (1e-16, 1e-2), (1e-17, 0.05)])
+def test_slopes_that_single_precision_does_not_hold(scale, edge):
+    """Extinction that rises by more than 1e18 in a unit of the scalar: no bound is negative."""
+    data = (scale * np.random.default_rng(0).random((6, 6, 6))).astype(np.float32)
+    volume = wvr.Volume(data)
+    points = np.array([0, 0.5, 0.5 + edge, 1.0]) * scale
+    colors = np.array([[0, 0, 0], [1, 0.5, 0], [1, 1, 1], [1, 1, 1.0]])
+    tf = wvr.TransferFunction.from_arrays(points, colors, np.array([0, 0, 0.9, 0.9]))
+    camera = wvr.Camera.fit(volume, (1, 2, 3))
+    image = wvr.render(volume, tf, camera, (12, 12), tolerance=1e-2)
+    exact = wvr.render(volume, tf, camera, (12, 12), integrator=wvr.Exact())
+    assert exact.rgba[..., 3].max() > 0.1
+    assert image.error_bound.min() >= 0
+    assert np.all(np.abs(image.rgba - exact.rgba).max(axis=-1) <= image.error_bound + 1e-6)

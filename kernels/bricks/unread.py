@@ -154,6 +154,14 @@ def stepped(unread: Unread, steps: Steps, axis: int, ahead: bool):
     return i, i[axis] >= 0 and i[axis] < count[axis]
 
 
+@wp.func
+def doubtful(view: View, unread: Unread, steps: Steps, x: int, y: int):
+    """Length of a ray of which rounding decides whether it is in the box, or before the depth that ends it."""
+    anchor, along, begin = line(view, x + unread.column, y + unread.row)
+    e = wp.float64(2.0) * unread.astray
+    return steps.loose + near_faces(view.low, view.high, anchor, inverted(along), e, begin - e, FAR)
+
+
 @wp.kernel(enable_backward=False, module="unique")
 def map_unread(
     base: int, view: View, unread: Unread, rgbt: wp.array2d(dtype=wp.vec4d), bounds: wp.array2d(dtype=wp.float64)
@@ -181,7 +189,9 @@ def map_unread(
         if going:
             steps.index = index
     rgbt[y, x] = wp.vec4d(ray[0], ray[1], ray[2], T)
-    bounds[y, x] = wp.min(bound + unread.brightest * unread.densest * steps.loose, unread.brightest)
+    bounds[y, x] = wp.min(
+        bound + unread.brightest * unread.densest * doubtful(view, unread, steps, x, y), unread.brightest
+    )
 
 
 @wp.func
@@ -294,10 +304,7 @@ def show_unread(
         index, going = stepped(unread, steps, axis, False)
         if going:
             steps.index = index
-    # Rounding, and rays of which rounding decides whether they are in the box.
-    anchor, along, begin = line(view, x, y)
-    e = wp.float64(2.0) * unread.astray
-    loose = steps.loose + near_faces(view.low, view.high, anchor, inverted(along), e, begin - e, FAR)
+    loose = doubtful(view, unread, steps, x, y)
     off = unread.brightest * (wp.float64(wp.static(2.0**-40)) + wp.min(ONE, unread.densest * loose))
     for c in range(4):
         low[c] -= off

@@ -223,8 +223,10 @@ while (busy) {
         + thin.A * (bright * (OPACITY_ULPS) + c[6] + steep * delta + astray * color[7])
         + steep * (MIN(R * thin.rest, closer) + (SERIES_ULPS) * R * (G + a)));
     *(vf*)most = share * thin.A + absolute * L + (LITTLE) * bright;
-    *(vf*)worst = e;
-    const vi good = (e <= *(const vf*)most) & (astray <= rows.narrow);
+    // A width below 0 says that the row holds nothing.
+    const vi holds = c[1] >= zero;
+    *(vf*)worst = holds ? e : zero + __builtin_inff();
+    const vi good = (e <= *(const vf*)most) & (astray <= rows.narrow) & holds;
     // Behind what there is of the part (S15).
     auto add = [&](int i, vf a) {
         EACH HALF_OF(sum[i]) += __builtin_convertvector(*(const v8f*)((const float*)&a + 8 * b), vd);

@@ -198,7 +198,7 @@ for (int u = 0; u < some[1]; u += 16) {
             if (other) {
                 fetch();
                 holds();
-                good |= window & (R == R);
+                good |= window & (R == R) & (width >= zero);  // but for rows that hold nothing
             }
         }
         if (other) continue;

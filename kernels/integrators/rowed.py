@@ -54,7 +54,8 @@ def make_rowed():
         G = wp.abs(g) * R
         Q = h * wp.abs(t2) * (R * R)
         P = G + Q
-        good = sure or wp.abs(off) + (R + delta) <= number(rows, r, 1)
+        # A width below 0 says that the row holds nothing.
+        good = (sure and number(rows, r, 1) >= real(0.0)) or wp.abs(off) + (R + delta) <= number(rows, r, 1)
         good = good and R < real(WIDEST) and a < real(DEEPEST)
         aa = a * a
         more = real(wp.static(1.0 / 5040.0)) + aa * real(wp.static(1.0 / 362880.0))

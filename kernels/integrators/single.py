@@ -95,7 +95,8 @@ def make_single():
         G = wp.abs(g) * R
         Q = h * wp.abs(t2) * (R * R)
         P = G + Q
-        good = sure or wp.abs(off) + (R + delta) <= rows.row[r, 1]
+        # A width below 0 says that the row holds nothing.
+        good = (sure and rows.row[r, 1] >= real(0.0)) or wp.abs(off) + (R + delta) <= rows.row[r, 1]
         good = good and R < real(WIDEST) and a < real(DEEPEST)
         rest = A - x * ea
         if x < real(2.0):

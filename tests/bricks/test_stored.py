@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import pickle
 import shutil
+import warnings
 
 import numpy as np
 import pytest
@@ -434,3 +436,43 @@ def test_what_is_refused_of_volumes_is_of_stores(given, message):
     for make in (wvr.Volume, wvr.open):
         with pytest.raises(ValueError, match=message):
             make(array, **given)
+
+
+@pytest.mark.parametrize("gone", [False, True], ids=["left out", "missing"])
+def test_doubts_at_outer_faces_are_those_of_the_whole(gone, monkeypatch):
+    """Rays in a face of the volume, of which rounding decides whether they are in it: bricks that are not read know no
+    better than those that are.
+    """
+    monkeypatch.setattr(stored, "ALONG", 4)
+    field = np.random.default_rng(0).integers(170, 200 if gone else 171, (9, 9, 9)).astype(np.uint8)
+    tf = wvr.TransferFunction([(0, "white", 0.0), (255, "white", 0.9)])
+    doubtful = lost = 0
+    for seed in range(8):
+        rng = np.random.default_rng([seed, 5])
+        direction, origin = np.linalg.qr(rng.normal(size=(3, 3)))[0], 10 * rng.normal(size=3)
+        whole = wvr.Volume(field, (1, 1, 1), origin, direction)
+        position = whole.index_to_world[:3, :3] @ [4, 0, 4] + whole.index_to_world[:3, 3]
+        camera = wvr.Camera(position - 30 * direction[:, 0], position, direction[:, 2], parallel_scale=4)
+        volume = wvr.build_ranges(stored.StoredVolume(wvr.open(field).samples, (1, 1, 1), origin, direction))
+        if gone:
+            volume.samples = dataclasses.replace(volume.samples, array=Gone(field))
+        options = {"tolerance": 1e-4 if gone else 1e-2, "precision": "float64"}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            expected = wvr.render(whole, tf, camera, (5, 5), **options)
+            image = wvr.render(volume, tf, camera, (5, 5), missing="bound", client=False, **options)
+        lost += image.stats["bricks_missing"]
+        unsure = expected.error_bound > 0.5
+        doubtful += unsure.sum()
+        assert np.all(image.error_bound[unsure] > 0.5)
+    assert doubtful > 0 and (lost > 0) == gone
+
+
+class Gone:
+    """Samples that cannot be read any more."""
+
+    def __init__(self, array):
+        self.shape, self.dtype = array.shape, array.dtype
+
+    def __getitem__(self, key):
+        raise OSError("gone")
