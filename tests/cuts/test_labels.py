@@ -299,7 +299,9 @@ def test_errors_of_rendering(blobs):
         wvr.render(blobs, None, camera, (4, 4), segmentation=wvr.Segmentation(LABELS[::2], {1: RED}))
     with pytest.raises(TypeError, match="segmentation must be a Segmentation or None, got ndarray"):
         wvr.render(blobs, RED, camera, (4, 4), segmentation=LABELS)
-    with pytest.raises(TypeError, match="transfer_function must be a TransferFunction, got NoneType"):
+    with pytest.raises(
+        TypeError, match=r"transfer_function must be a TransferFunction, got None: .* or give a segmentation"
+    ):
         wvr.Renderer(blobs, None).render(camera, (4, 4))
 
 

@@ -29,8 +29,8 @@ def test_everything_public_is_called(tmp_path):
     called = {name.partition(".")[0] for name in bases(tmp_path)}
     public = {name for name in wvr.__all__ if callable(getattr(wvr, name)) and not name.startswith("_")}
     public -= {name for name in public if inspect.isclass(one := getattr(wvr, name)) and issubclass(one, Exception)}
-    # Two serve pages, and one is made by ``open``.
-    assert public - {"Viewer", "view", "StoredVolume"} <= called
+    # Two serve pages, and two are made by ``open`` and ``Image.pick``.
+    assert public - {"Viewer", "view", "StoredVolume", "Pick"} <= called
 
 
 def test_what_goes_wrong_is_noticed(tmp_path, monkeypatch):

@@ -63,7 +63,7 @@ class Projection(Integrator):
     asks: ClassVar[tuple[str, ...]] = ("cubic", "seek")
 
     def __post_init__(self) -> None:
-        if self.what in WORDS:
+        if isinstance(self.what, str) and self.what in WORDS:
             raise ValueError(f"what must be {WORDS[self.what]!r} for the {self.what}, got {self.what!r}")
         choice(self.what, "what", get_args(What))
 
