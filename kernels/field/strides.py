@@ -1,9 +1,10 @@
 """The walk of ``walk`` in whole numbers: times along a ray are fractions of it, so that a step is a few additions.
 
-A stretch of ray is 2^52 to 2^53 ticks long, a tick a power of two. What rounding to ticks adds up to over a grid of n
-cells along all axes together is less than 2 n of them. Where a cell is taken to end so much too early or too late, the
-next begins there: the field has no jumps, so what a ray sees changes by that squared (docs/proof-single.md, S12). A
-stretch ends ``4 n`` ticks early, in its last cell, so that no index is ever beyond the grid.
+A ray is 2^52 to 2^53 ticks long up to where a stretch of it ends, a tick a power of two. What rounding to ticks adds
+up to over a grid of n cells along all axes together is less than 2 n of them. Where a cell is taken to end so much
+too early or too late, the next begins there: the field has no jumps, so what a ray sees changes by that squared
+(docs/proof-single.md, S12). A stretch ends ``4 n`` ticks early, in its last cell, so that no index is ever beyond the
+grid.
 
 Octants say of each block, for each of the eight ways that a ray may go, how far there is nothing to see ahead: the
 number of blocks along each axis of the largest cube with this one in its corner that is empty.
@@ -80,9 +81,12 @@ for (int a = 0; a < 3; ++a) {
 }
 const double length = last_out - start;
 if (!(length > 0.0)) return false;
-// The power of two that makes the length 2^52 ticks or more, by its exponent.
+// The power of two that makes it 2^52 ticks or more to the farther end, by the exponent: times are rounded to parts of
+// that, however short the stretch is.
+const double before = fabs(start), behind = fabs(last_out), farther = before > behind ? before : behind;
+const double most = farther > length ? farther : length;
 int64_t bits;
-__builtin_memcpy(&bits, &length, 8);
+__builtin_memcpy(&bits, &most, 8);
 const int64_t exponent = (bits >> 52) & 0x7ff;
 bits = (2046 + 52 - (exponent > 100 ? exponent : 100)) << 52;
 double scale;

@@ -473,6 +473,29 @@ def test_ticks_are_the_walk_to_rounding(shape):
     assert checked > 1000
 
 
+def test_short_ends_of_long_rays_stay_in_the_grid():
+    """Of a stretch whose time is rounded by more than many ticks, as the last cells of a brick far from the camera."""
+    rng = np.random.default_rng(2)
+    n, shape = 2000, (9, 9, 9)
+    directions = rng.normal(size=(n, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    origins = rng.uniform(1, 7, (n, 3)) - 10.0 ** rng.uniform(2, 4, (n, 1)) * directions
+    leave = np.where(directions > 0, 8.0, 0.0)
+    stops = ((leave - origins) / directions).min(axis=1)
+    ends = np.stack([stops - 10.0 ** rng.uniform(-6, 0.3, n), stops], axis=1)
+    masks = np.full((2, 2, 2), 2**64 - 1, np.uint64)
+    places, starts, leaves, counts = walked(
+        make_strides, masks, np.full(masks.shape, -1, np.int16), shape, origins, directions, ends
+    )
+    found = np.arange(places.shape[1]) < counts[:, None]
+    indices = np.stack(
+        [places & np.uint64(0x1FFFFF), places >> np.uint64(21) & np.uint64(0x1FFFFF), places >> np.uint64(42)]
+    )
+    assert np.all(counts > 0) and np.all(indices[:, found] <= 7)
+    # All of each stretch, in order.
+    np.testing.assert_allclose((leaves - starts).sum(axis=1, where=found), ends[:, 1] - ends[:, 0], atol=1e-9)
+
+
 def scene(seed):
     """A random volume, transfer function and camera, of any kind that there is."""
     rng = np.random.default_rng(seed)
