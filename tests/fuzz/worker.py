@@ -21,7 +21,16 @@ KINDS = ("arguments", "files", "scenes")
 # Address space of the process, of which libraries take the most, and growth of its memory by a case [bytes].
 SPACE, GROWTH = 12 << 30, 300 << 20
 # What libtiff prints, which reads some files through Pillow and cannot be told not to; and that a kernel is compiled.
-KNOWN = (b"tempfile.tif", b"TIFF", b"LZWDecode", b"JPEGLib", b"JPEGSetupDecode", b"JPEGPreDecode", b"wvr: compiling")
+KNOWN = (
+    b"tempfile.tif",
+    b"TIFF",
+    b"LZWDecode",
+    b"JPEGLib",
+    b"JPEGSetupDecode",
+    b"JPEGPreDecode",
+    b"Fax3",
+    b"wvr: compiling",
+)
 
 
 def cases_of(kind: str) -> Any:

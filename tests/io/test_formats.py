@@ -12,6 +12,7 @@ import pytest
 import tifffile
 from PIL import Image
 
+import wvr
 from wvr.io import read
 
 from .files import BIG, FIELD, LITTLE, ORIGIN, SPACING, TURNED, amira, check, dicom, meta, nifti, nrrd, runs
@@ -443,3 +444,12 @@ def test_amira_files_that_are_not_read(tmp_path, old, new, said):
     (tmp_path / "a.am").write_bytes(content.replace(old, new))
     with pytest.raises((OSError, ValueError), match=rf"a\.am.*{said}"):
         read(tmp_path / "a.am")
+
+
+@pytest.mark.parametrize("by", [read, wvr.open])
+def test_hdf5_in_frail_filters(tmp_path, by):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("v", data=FIELD, chunks=(2, 2, 2), scaleoffset=0)
+    with pytest.raises(ValueError, match=r"a\.h5.*'v' is packed by scaleoffset.*h5repack"):
+        by(tmp_path / "a.h5")

@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..samples import Grid
+from ..samples import Grid, Unsupported
 from .bytes import Flaw, corrupt, empty, needs, opened
 from .npy import pick
 
 # Spacing in micrometres, slowest axis first, as ilastik and Fiji write it.
 SPACING = "element_size_um"
+# Filters that the library unpacks without a look at how much there is.
+FRAIL = {5: "nbit", 6: "scaleoffset"}
 
 
 def read_hdf5(path: Path, name: str | None) -> Grid:
@@ -66,6 +68,12 @@ def data_of(path: Path, file: Any, name: str) -> Any:
         data = file[name]
         if data.external is not None or data.is_virtual:
             raise Flaw(f"the samples of {name!r} are in other files: copy them into one")
+        made = data.id.get_create_plist()
+        for number in range(made.get_nfilters()):
+            if (packed := FRAIL.get(made.get_filter(number)[0])) is not None:
+                raise Unsupported(
+                    f"{name!r} is packed by {packed}, in which damaged files end the process: h5repack -f GZIP=4"
+                )
         _check_held(data)
         return data
 
