@@ -205,3 +205,13 @@ def test_what_a_renderer_has_not_is_not_assigned():
 @pytest.mark.parametrize("bound", [0.0, 1e-3, 0.00125, 0.00120001, 9.95e-5, 3.3e-16, 1.0000001, np.inf])
 def test_bounds_are_printed_rounded_up(bound):
     assert bound <= float(at_most(bound)) <= 1.1 * bound
+
+
+def test_numbers_beyond_floats_are_named():
+    huge = 10**400
+    with pytest.raises(ValueError, match="direction must be"):
+        wvr.Volume(np.zeros((2, 2, 2), np.uint8), direction=[[huge, 0, 0], [0, 1, 0], [0, 0, 1]])
+    with pytest.raises(TypeError, match="camera must be"):
+        wvr.render(np.arange(27, dtype=np.uint8).reshape(3, 3, 3), camera=(huge, 0, 0), size=(2, 2))
+    with pytest.raises(ValueError, match="data must not be empty"):
+        wvr.render("")

@@ -286,7 +286,7 @@ def camera_of(
     else:
         try:
             vectors = np.asarray(given, np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             vectors = np.empty(0)
         if vectors.shape == (3, 3):
             return Camera(*vectors)

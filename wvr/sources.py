@@ -15,7 +15,7 @@ from .copied import Copied, has_memory
 from .field.base import Field
 from .launch import get_device
 from .samples import NanPolicy, narrowed
-from .validation import any_array, choice, outside
+from .validation import any_array, choice, outside, path_of
 from .volume import Axes, Volume
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def _named(name: str | os.PathLike[str], scalars: str | None, nan: NanPolicy) ->
         near = get_close_matches(str(name), known, 1)
         hint = f"; did you mean the dataset {near[0]!r}?" if near else ""
         raise FileNotFoundError(f"{str(name)!r} is neither a file or folder nor a dataset of wvr.datasets{hint}")
-    return read(name, scalars, nan)
+    return read(path_of(name, "data"), scalars, nan)
 
 
 def _from_array(

@@ -380,7 +380,7 @@ def pose_of(
 def direction_of(matrix: ArrayLike) -> NDArray[np.float64]:
     try:
         direction = np.array(matrix, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         direction = np.empty(0)
     if direction.shape != (3, 3) or not np.all(np.isfinite(direction)):
         raise ValueError(f"direction must be a finite 3 x 3 matrix, got {matrix!r}")

@@ -30,6 +30,7 @@ KNOWN = (
     b"JPEGPreDecode",
     b"Fax3",
     b"wvr: compiling",
+    b"wvr: reading",
 )
 
 
