@@ -203,3 +203,17 @@ def test_slopes_that_single_precision_does_not_hold(scale, edge):
     assert exact.rgba[..., 3].max() > 0.1
     assert image.error_bound.min() >= 0
     assert np.all(np.abs(image.rgba - exact.rgba).max(axis=-1) <= image.error_bound + 1e-6)
+
+
+def test_large_samples_in_cut_cells():
+    """Cubes of what the scalar changes by are beyond single precision: left to double, not infinite."""
+    scale = 2e17
+    z, y, x = np.indices((8, 9, 10)) / 10
+    volume = wvr.Volume((scale * (0.3 * x + 0.2 * y * y + 0.3 * z * x + 0.01)).astype(np.float32))
+    at = np.linspace(0, 1, 256)
+    colors = 0.5 + 0.5 * np.stack([np.sin(5 * at + i) for i in range(3)], axis=-1)
+    tf = wvr.TransferFunction.from_arrays(scale * at, colors, 0.018 * at**2)
+    camera = wvr.Camera.fit(volume, (1, 2, 3))
+    image = wvr.render(volume, tf, camera, (12, 12), tolerance=1e-3, precision="float32")
+    exact = wvr.render(volume, tf, camera, (12, 12), integrator=wvr.Exact())
+    assert np.all(np.abs(image.rgba - exact.rgba).max(axis=-1) <= image.error_bound + 1e-6)

@@ -15,7 +15,7 @@ from ..transfer.rows import Rows
 from ..vectors import VECTORS
 from .packet import COLUMNS, FADING, SERIES
 from .pieces import VALUE
-from .single import SERIES_ULPS, U
+from .single import DEEPEST, SERIES_ULPS, WIDEST, U
 
 # Cells at a time.
 JOBS = 256
@@ -223,8 +223,8 @@ while (busy) {
         + thin.A * (bright * (OPACITY_ULPS) + c[6] + steep * delta + astray * color[7])
         + steep * (MIN(R * thin.rest, closer) + (SERIES_ULPS) * R * (G + a)));
     *(vf*)most = share * thin.A + absolute * L + (LITTLE) * bright;
-    // A width below 0 says that the row holds nothing.
-    const vi holds = c[1] >= zero;
+    // A width below 0 says that the row holds nothing; and nothing overflows (S9).
+    const vi holds = (c[1] >= zero) & (R < WIDEST) & (x < 2.0f * DEEPEST);
     *(vf*)worst = holds ? e : zero + __builtin_inff();
     const vi good = (e <= *(const vf*)most) & (astray <= rows.narrow) & holds;
     // Behind what there is of the part (S15).
@@ -320,6 +320,8 @@ def make_crossings():
         "ADDED": ADDED,
         "LITTLE": LITTLE,
         "VALUE": VALUE,
+        "WIDEST": WIDEST,
+        "DEEPEST": DEEPEST,
     }
     for name, value in numbers.items():
         text = text.replace(name, f"{value!r}f")
