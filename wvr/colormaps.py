@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .color import linear_rgb, srgb_to_linear
-from .validation import finite_array, integer, near
+from .validation import any_array, finite_array, integer, near
 
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap
@@ -58,7 +58,8 @@ def opacities(opacity: Opacity) -> Floats:
     """Numbers equally spaced over the domain, two or more, of a name, a list or a number."""
     if isinstance(opacity, str):
         return _named(opacity)
-    given = finite_array(np.repeat(opacity, 2) if np.ndim(opacity) == 0 else opacity, "opacity", (-1,))
+    numbers = any_array(opacity, "opacity")
+    given = finite_array(np.repeat(numbers, 2) if numbers.ndim == 0 else numbers, "opacity", (-1,))
     if len(given) < 2:
         raise ValueError(
             f"opacity must be one number, or two or more equally spaced over the domain, got {len(given)} in a list"
