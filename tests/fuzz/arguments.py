@@ -34,7 +34,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "target": ("up",),
     "transfer_function": ("colormap", "scalars", "opacity"),
     "values": ("scalars", "colors", "width"),
-    "volume": ("array", "data"),
+    "volume": ("array", "data", "samples"),
 }
 
 
