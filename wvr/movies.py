@@ -234,7 +234,9 @@ def time_series(
 
 def _moments(data: Any) -> tuple[Iterator[Volume], int | None]:
     """The volumes one after the other, and how many they are if that is known."""
-    given, data = data, None if isinstance(data, type) else data  # a class is no volume, whatever it has
+    # A class is no volume, whatever it has.
+    if isinstance(data, str | os.PathLike | type) or not (hasattr(data, "ndim") or isinstance(data, Iterable)):
+        raise TypeError(f"data must be a sequence of volumes, paths or arrays, or an array [t, z, y, x], got {data!r}")
     if hasattr(data, "dims") and hasattr(data, "isel"):
         name = next((dim for dim in data.dims if str(dim).lower() in ("time", "t")), None)
         if name is None:
@@ -244,8 +246,6 @@ def _moments(data: Any) -> tuple[Iterator[Volume], int | None]:
         if data.ndim != 4:
             raise ValueError(f"data must be an array of four axes [t, z, y, x], got shape {tuple(data.shape)}")
         return (as_volume(data[n]) for n in range(len(data))), len(data)
-    if isinstance(data, str | os.PathLike) or not isinstance(data, Iterable):
-        raise TypeError(f"data must be a sequence of volumes, paths or arrays, or an array [t, z, y, x], got {given!r}")
     return (as_volume(one) for one in data), len(data) if isinstance(data, Sequence) else None
 
 
