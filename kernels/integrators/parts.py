@@ -11,7 +11,7 @@ import warp as wp
 from ..transfer.function import make_transfer
 from ..transfer.rows import Rows, bin, knot, number
 from .crossings import ADDED, OPACITY_ULPS, ROUNDED
-from .single import SERIES_ULPS, U
+from .single import SERIES_ULPS, U, moments
 
 # Rounding of a scalar on a part, of how it is evaluated and of where it turns, in parts of its coefficients; of a
 # piece's extinction, and of where it ends, in parts of the cell's length.
@@ -67,18 +67,7 @@ def make_thin():
 
     @wp.func
     def thin(m1: real, m2: real, m3: real, R: real, x: real, g: real):
-        ww = (
-            m1 * (m1 * real(wp.static(2.0 / 3.0)) + m3 * real(0.8))
-            + m2 * m2 * real(wp.static(8.0 / 45.0))
-            + m3 * m3 * real(wp.static(2.0 / 7.0))
-        )
-        vw = m1 * real(wp.static(2.0 / 3.0)) + m3 * real(0.4)
-        vww = m2 * (m1 * real(wp.static(16.0 / 45.0)) + m3 * real(wp.static(32.0 / 105.0)))
-        wwW = (
-            m1 * m1 * (m1 * real(wp.static(2.0 / 15.0)) + m3 * real(wp.static(22.0 / 105.0)))
-            + m2 * m2 * (m1 * real(wp.static(8.0 / 135.0)) + m3 * real(wp.static(8.0 / 189.0)))
-            + m3 * m3 * (m1 * real(wp.static(38.0 / 315.0)) + m3 * real(wp.static(2.0 / 77.0)))
-        )
+        ww, vw, vww, wwW = moments(m1, m2, m3)
         a = real(0.5) * x
         aa = a * a
         ea = wp.exp(-a)

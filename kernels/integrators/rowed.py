@@ -11,7 +11,7 @@ import warp as wp
 from ..field.blocks import Blocks, kind_at
 from ..field.narrow import Narrow
 from ..transfer.rows import Rows, bin, knot, number
-from .single import DEEPEST, DEPTH_ULPS, OFFSET_ULPS, SERIES_ULPS, SIGN_ULPS, WIDEST, Measured
+from .single import DEEPEST, DEPTH_ULPS, OFFSET_ULPS, SERIES_ULPS, SIGN_ULPS, WIDEST, Measured, moments
 
 
 @cache
@@ -33,18 +33,7 @@ def make_rowed():
         off = (c.base - number(rows, r, 0)) + c.mean
         delta = c.blur + wp.abs(off) * real(wp.static(OFFSET_ULPS))
         # The series.
-        ww = (
-            m1 * (m1 * real(wp.static(2.0 / 3.0)) + m3 * real(0.8))
-            + m2 * m2 * real(wp.static(8.0 / 45.0))
-            + m3 * m3 * real(wp.static(2.0 / 7.0))
-        )
-        vw = m1 * real(wp.static(2.0 / 3.0)) + m3 * real(0.4)
-        vww = m2 * (m1 * real(wp.static(16.0 / 45.0)) + m3 * real(wp.static(32.0 / 105.0)))
-        wwW = (
-            m1 * m1 * (m1 * real(wp.static(2.0 / 15.0)) + m3 * real(wp.static(22.0 / 105.0)))
-            + m2 * m2 * (m1 * real(wp.static(8.0 / 135.0)) + m3 * real(wp.static(8.0 / 189.0)))
-            + m3 * m3 * (m1 * real(wp.static(38.0 / 315.0)) + m3 * real(wp.static(2.0 / 77.0)))
-        )
+        ww, vw, vww, wwW = moments(m1, m2, m3)
         L = h + h
         x = wp.max(L * (t0 + off * (t1 + off * t2) + t2 * (real(0.5) * ww)), real(0.0))
         a = real(0.5) * x

@@ -32,6 +32,26 @@ WIDEST = 1e12
 DEEPEST = 1e4
 
 
+@wp.func
+def moments(m1: wp.float32, m2: wp.float32, m3: wp.float32):
+    """Integrals of w^2, v w, v w^2 and w^2 W over v from -1 to 1: w is m1 v + m2 v^2 + m3 v^3 less its mean, W what is
+    left of it from v on.
+    """
+    ww = (
+        m1 * (m1 * wp.float32(wp.static(2.0 / 3.0)) + m3 * wp.float32(0.8))
+        + m2 * m2 * wp.float32(wp.static(8.0 / 45.0))
+        + m3 * m3 * wp.float32(wp.static(2.0 / 7.0))
+    )
+    vw = m1 * wp.float32(wp.static(2.0 / 3.0)) + m3 * wp.float32(0.4)
+    vww = m2 * (m1 * wp.float32(wp.static(16.0 / 45.0)) + m3 * wp.float32(wp.static(32.0 / 105.0)))
+    wwW = (
+        m1 * m1 * (m1 * wp.float32(wp.static(2.0 / 15.0)) + m3 * wp.float32(wp.static(22.0 / 105.0)))
+        + m2 * m2 * (m1 * wp.float32(wp.static(8.0 / 135.0)) + m3 * wp.float32(wp.static(8.0 / 189.0)))
+        + m3 * m3 * (m1 * wp.float32(wp.static(38.0 / 315.0)) + m3 * wp.float32(wp.static(2.0 / 77.0)))
+    )
+    return ww, vw, vww, wwW
+
+
 @wp.struct
 class Measured:
     """A cell by one row: depth, opacity, V, the mean from the row's center, the bound, and whether that will do."""
@@ -73,18 +93,7 @@ def make_single():
         off = (cubic[0, l] - rows.row[r, 0]) + cubic[1, l]
         delta = cubic[6, l] + wp.abs(off) * real(wp.static(OFFSET_ULPS))
         # The series.
-        ww = (
-            m1 * (m1 * real(wp.static(2.0 / 3.0)) + m3 * real(0.8))
-            + m2 * m2 * real(wp.static(8.0 / 45.0))
-            + m3 * m3 * real(wp.static(2.0 / 7.0))
-        )
-        vw = m1 * real(wp.static(2.0 / 3.0)) + m3 * real(0.4)
-        vww = m2 * (m1 * real(wp.static(16.0 / 45.0)) + m3 * real(wp.static(32.0 / 105.0)))
-        wwW = (
-            m1 * m1 * (m1 * real(wp.static(2.0 / 15.0)) + m3 * real(wp.static(22.0 / 105.0)))
-            + m2 * m2 * (m1 * real(wp.static(8.0 / 135.0)) + m3 * real(wp.static(8.0 / 189.0)))
-            + m3 * m3 * (m1 * real(wp.static(38.0 / 315.0)) + m3 * real(wp.static(2.0 / 77.0)))
-        )
+        ww, vw, vww, wwW = moments(m1, m2, m3)
         L = h + h
         x = wp.max(L * (t0 + off * (t1 + off * t2) + t2 * (real(0.5) * ww)), real(0.0))
         a = real(0.5) * x
