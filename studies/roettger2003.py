@@ -140,9 +140,9 @@ def oversampling(folder: Path, quick: bool) -> str:
         methods: dict[str, wvr.Image] = {"samples, 1x": scene.timed(wvr.Riemann(1.0), skip_empty=False, termination=0)}
         methods |= {f"pre-integrated, {n}x": slicing(scene, n) for n in OVERSAMPLING}
         methods["adaptive, 1/256"] = scene.timed(wvr.AdaptivePreintegrated(VISIBLE))
-        base = methods["pre-integrated, 1x"].stats["seconds_raycast"]
+        base = methods["pre-integrated, 1x"].stats["processor_s"]
         for method, image in methods.items():
-            seconds = image.stats["seconds_raycast"]
+            seconds = image.stats["processor_s"]
             row = {"scene": scene.name, "method": method} | errors(image, truth)
             row |= {"s": seconds, "time over 1x": seconds / base, "M samples": image.stats["samples"] / 1e6}
             rows.append(row)
@@ -410,14 +410,14 @@ def threshold(folder: Path, quick: bool) -> str:
             measured = [
                 {"scene": scene.name, "method": name, "step or threshold": parameter}
                 | errors(image, truth)
-                | {"s": image.stats["seconds_raycast"], "samples per ray": float(image.samples.mean())}
+                | {"s": image.stats["processor_s"], "samples per ray": float(image.samples.mean())}
                 for parameter, image in images
             ]
             rows += measured
             for axes, x in ((by_time, "s"), (by_samples, "samples per ray")):
                 style = "os^"[i] + "-"
                 axes.plot([m[x] for m in measured], [m["mean"] for m in measured], style, color=COLORS[i], label=name)
-        by_time.set(xlabel="seconds", ylabel="mean error")
+        by_time.set(xlabel="seconds of the processor", ylabel="mean error")
         by_samples.set(xlabel="samples per ray")
         for axes in (by_time, by_samples):
             axes.set(xscale="log", yscale="log", title=scene.name)
@@ -448,7 +448,7 @@ def artefacts(folder: Path, quick: bool) -> str:
         adaptive = scene.timed(wvr.AdaptivePreintegrated(0.25))
         # As many slices as that time allows.
         slices, step = adaptive, 0.5
-        while step < 32 and (slices is adaptive or slices.stats["seconds"] > adaptive.stats["seconds"]):
+        while step < 32 and (slices is adaptive or slices.stats["processor_s"] > adaptive.stats["processor_s"]):
             step *= 1.25
             slices = scene.timed(wvr.Preintegrated(step), skip_empty=False, termination=0)
         images = {"exact": truth, "threshold 1/4": adaptive, f"a slice every {step:.2g} voxels": slices}
@@ -458,7 +458,7 @@ def artefacts(folder: Path, quick: bool) -> str:
             if image is not truth:
                 found = errors(image, truth)
                 axes.set_xlabel(
-                    f"{image.stats['seconds']:.2f} s, error: max {found['max']:.2f}, mean {found['mean']:.1e}",
+                    f"{image.stats['processor_s']:.2f} s, error: max {found['max']:.2f}, mean {found['mean']:.1e}",
                     fontsize="small",
                 )
         few, high = (errors(image, truth)["mean"] for image in (slices, adaptive))
