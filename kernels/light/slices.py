@@ -54,8 +54,8 @@ def make_advance(halves):
     measure = lanes and lanes.measure
 
     @wp.func
-    def light_on(stack: wp.array3d(dtype=real), number: int, u: real, v: real):
-        """Light of a slice, linear between cells; 1 beyond its border."""
+    def linear(stack: wp.array3d(dtype=real), number: int, u: real, v: real):
+        """Light of a slice, linear between cells, as graphics hardware has it; 1 beyond its border."""
         rows = stack.shape[1]
         columns = stack.shape[2]
         if not (u >= real(0.0) and v >= real(0.0) and u <= real(columns - 1) and v <= real(rows - 1)):
@@ -69,6 +69,32 @@ def make_advance(halves):
         a += x * (stack[number, j, i + 1] - a)
         b += x * (stack[number, j + 1, i + 1] - b)
         return a + y * (b - a)
+
+    @wp.func
+    def around(stack: wp.array3d(dtype=real), number: int, j: int, i: int, before: real, behind: real):
+        """Of three cells of a row, as much of the first and of the last."""
+        here = stack[number, j, i]
+        return here + before * (stack[number, j, i - 1] - here) + behind * (stack[number, j, i + 1] - here)
+
+    @wp.func
+    def spline(stack: wp.array3d(dtype=real), number: int, u: real, v: real):
+        """The same by a quadratic B-spline, which blurs alike wherever cells lie, so that they do not show."""
+        rows = stack.shape[1]
+        columns = stack.shape[2]
+        if not (u >= real(0.5) and v >= real(0.5) and u <= real(columns) - real(1.5) and v <= real(rows) - real(1.5)):
+            return linear(stack, number, u, v)
+        i = wp.min(int(u + real(0.5)), columns - 2)
+        j = wp.min(int(v + real(0.5)), rows - 2)
+        x = u - real(i)
+        y = v - real(j)
+        x0 = real(0.5) * (real(0.5) - x) * (real(0.5) - x)
+        y0 = real(0.5) * (real(0.5) - y) * (real(0.5) - y)
+        a = around(stack, number, j - 1, i, x0, x0 + x)
+        b = around(stack, number, j, i, x0, x0 + x)
+        c = around(stack, number, j + 1, i, x0, x0 + x)
+        return b + y0 * (a - b) + (y0 + y) * (c - b)
+
+    light_on = spline if traced else linear
 
     @wp.func
     def between(stack: wp.array3d(dtype=real), slot: real, u: real, v: real):

@@ -5,17 +5,25 @@ of ``BLOCK`` pixels, those at least half of which show anything, the worst count
 which was set on two other scans than those judged, by looking at ICS with slices 0.35 to 1.4 voxels apart: the engine
 shows no stripes at 0.014 and does at 0.018, the smooth teapot none at 0.009 and faint ones at 0.012. The largest
 distance without aliasing is where a line through the logarithms of distances and of aliasing crosses it.
+
+A fine image shows more, too. What is aliasing and nothing else is what changes where slices and cells lie elsewhere:
+half the difference between an image and one with them ``moved``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import takewhile
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
+from warp import vec2d
 
 import wvr
+from wvr.light import sweep
 
 from ..base.scenes import picture
 
@@ -35,6 +43,22 @@ def aliasing(image: wvr.Image, fine: wvr.Image) -> float:
     sums, counts = blocks(square), blocks(shown)
     enough = counts >= min(0.5 * BLOCK**2, counts.max())
     return float(np.sqrt((sums[enough] / counts[enough]).max()))
+
+
+@contextmanager
+def moved(slices: float = 0.0, cells: float = 0.0) -> Iterator[None]:
+    """Sweeps begin so many slices earlier, and so many cells more to the side along either axis; both at most one."""
+    usual = sweep.place
+
+    def elsewhere(*given: Any) -> Any:
+        struct, (rows, columns), variance = usual(*given)
+        struct.start = float(struct.start) - slices * float(struct.thickness)
+        struct.slices += 1
+        struct.corner = vec2d(*(float(c) - cells for c in struct.corner))
+        return struct, (rows + 1, columns + int(sweep.RUN)), variance
+
+    with patch.object(sweep, "place", elsewhere):
+        yield
 
 
 def blocks(values: NDArray) -> NDArray[np.float64]:

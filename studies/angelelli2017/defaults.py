@@ -15,7 +15,7 @@ import wvr
 from ..base import scenes
 from ..base.rows import spread, write_rows
 from ..lighting import panels
-from .aliasing import aliasing
+from .aliasing import aliasing, moved
 from .methods import STUDY, threads
 from .scenes import SCENES, SIZE, Scene, key_light, make_scene
 
@@ -23,7 +23,8 @@ from .scenes import SCENES, SIZE, Scene, key_light, make_scene
 @STUDY.part("Default shadows")
 def default(folder: Path, quick: bool) -> str:
     """Stripes at the default and how far it is from what it converges to, beside cells of one and light at the front of
-    slices; that cells blur fine shading counts as aliasing here.
+    slices; that cells blur fine shading counts as aliasing here, but not in what changes where slices, cells and parts
+    are moved by half.
     """
     front = {"slice_distance": 1.0, "preintegrated": False, "received": "front", "splitting": "lie"}
     settings: dict[str, dict[str, Any]] = {
@@ -48,6 +49,15 @@ def default(folder: Path, quick: bool) -> str:
             difference = np.abs(image.rgba - fine.rgba)[fine.rgba[..., 3] > 0]
             rows.append({"shadows": setting, "scene": name, "aliasing": aliasing(image, fine)})
             rows[-1] |= {"mean difference": float(difference.mean()), "processor s": spent}
+            half_part = 0.5 / renderer.shadows.parts
+            for what, way in {
+                "slices": (0.5, 0.0),
+                "cells": (0.0, 0.5),
+                "parts": (half_part, 0.0),
+                "all": (0.5 + half_part, 0.5),
+            }.items():
+                with moved(*way):
+                    rows[-1][f"moved: {what}"] = 0.5 * aliasing(renderer.render(camera, size), image)
             if name == "bonsai" and setting != "cells of 1":
                 images[setting] = image, f"aliasing {rows[-1]['aliasing']:.3f}"
         if name == "bonsai":
@@ -55,8 +65,11 @@ def default(folder: Path, quick: bool) -> str:
     write_rows(folder, "default", f"Default shadows, {SIZE} x {SIZE}, {threads()}", rows)
     panels(folder, "default", images)
     panels(folder, "default-closeup", images, zoom=3)
-    by_setting = {s: [row["aliasing"] for row in rows if row["shadows"] == s] for s in settings}
-    return "Aliasing: " + ", ".join(f"{spread(errors)} ({s})" for s, errors in by_setting.items()) + "."
+
+    def found(column: str) -> str:
+        return ", ".join(f"{spread([r[column] for r in rows if r['shadows'] == s])} ({s})" for s in settings)
+
+    return f"Aliasing: {found('aliasing')}; of that what changes where all is moved: {found('moved: all')}."
 
 
 @STUDY.part("What shadows cost")

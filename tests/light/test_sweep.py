@@ -5,6 +5,7 @@ import pytest
 import warp as wp
 
 import wvr
+from studies.angelelli2017.aliasing import moved
 from wvr.kernels.field.grid import Grid
 from wvr.kernels.light.travel import BORDER, ROWS, RUN, Half, Shade, make_state, make_travel, run_of
 from wvr.kernels.scene import Halves
@@ -151,6 +152,16 @@ def test_no_stripes_on_a_face_that_a_clip_cuts():
     exact = (n @ light) / (n @ light + n[2])
     assert share.rgba[..., 0].std() < 0.05 * exact
     assert share.rgba[..., 0].mean() == pytest.approx(exact, rel=0.05)
+
+
+def test_cells_of_light_do_not_show(blobs):
+    """Light between cells is blurred alike wherever they lie: linear in between, the image changes by 6e-3."""
+    tf = wvr.TransferFunction([(0, "white", 0.0), (255, "white", 0.4)])
+    camera = wvr.Camera.fit(blobs)
+    renderer = wvr.Renderer(blobs, tf, shadows=wvr.ConvolutionShadows(light=wvr.DirectionalLight((-1, 1, 1))))
+    usual = renderer.render(camera, (48, 48)).rgba
+    with moved(cells=0.5):
+        assert np.abs(renderer.render(camera, (48, 48)).rgba - usual).max() < 3e-3
 
 
 def test_fixed_kernel_does_not_converge(blobs):
