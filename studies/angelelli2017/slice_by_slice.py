@@ -7,14 +7,15 @@ which says in Figure 7 that shading goes. They are ``VISIBLE`` from where they a
 judged: the engine shows none at 0.003 and specks on a rim at 0.0095, the smooth teapot none at 0.002 and faint rings
 at 0.0056.
 
-The largest distances are of one view, of its middle at the size of the paper. Kernels of other sizes have the same
-light, so that K changes the time alone. Since nothing is skipped, slices take the same time wherever they are: of each
-view ``SOME`` are timed, and there are as many as the view is deep. Scenes run at a time, a thread each, and times are
-of that thread.
+The largest distances are of one view, of its middle at the size of the paper, and depend on no machine, so that times
+may be those of another run. Kernels of other sizes have the same light, so that K changes the time alone. Since nothing
+is skipped, slices take the same time wherever they are: of each view ``SOME`` are timed, and there are as many as the
+view is deep. Scenes run at a time, a thread each, and times are of that thread.
 """
 
 from __future__ import annotations
 
+import csv
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from os import sched_getaffinity
@@ -26,19 +27,20 @@ from matplotlib.figure import Figure
 
 import wvr
 
-from ..base.harness import COLORS, save_figure
+from ..base.harness import COLORS, ROOT, save_figure
 from ..base.rows import write_rows
 from ..lighting import panels
 from . import methods
 from .aliasing import aliasing, largest
 from .methods import PAPER, STUDY
-from .scenes import SCENES, make_scene
+from .scenes import SCENES, Scene, make_scene
 from .slices import KERNELS, Drawn, Slices
 
 VIEWS = 100  # that times are means of, as in the paper
 SOME = 2
 SUBSAMPLES = (1, 2, 3, 4)
 VISIBLE = 0.005
+RECORDED = ROOT / "docs/results"
 
 Found = dict[str, Any]
 
@@ -47,14 +49,17 @@ def image_of(drawn: Drawn) -> wvr.Image:
     return wvr.Image(drawn.rgba, np.zeros(drawn.rgba.shape[:2], np.int32))
 
 
-def one(name: str, quick: bool) -> tuple[list[Found], list[Found], dict[str, tuple[wvr.Image, str]]]:
-    """Of a scene: rows of distances, rows of times by kernel, and images."""
+def sliced(name: str, quick: bool) -> tuple[Scene, Slices, int]:
+    """A scene, its slices, and pixels along a side: of small stand-ins, too, one is smaller than a voxel."""
     wvr.set_num_threads(1)
     scene = make_scene(name, quick)
-    # Of small stand-ins, too, a pixel is smaller than a voxel.
-    size = 2 * scene.size if quick else scene.size
-    window = size // 2
-    slices, camera = Slices(scene.volume, scene.tf), scene.camera(parallel=True)
+    return scene, Slices(scene.volume, scene.tf), 2 * scene.size if quick else scene.size
+
+
+def distances(name: str, quick: bool) -> tuple[list[Found], dict[str, tuple[wvr.Image, str]]]:
+    """Of a scene: rows of stripes by distance, and images."""
+    scene, slices, size = sliced(name, quick)
+    window, camera = size // 2, scene.camera(parallel=True)
     images: dict[str, tuple[wvr.Image, str]] = {}
     limits: dict[int, float] = {}
     rows: list[Found] = []
@@ -73,13 +78,25 @@ def one(name: str, quick: bool) -> tuple[list[Found], list[Found], dict[str, tup
                 images[f"{distance:g} apart, {subsamples} subsamples"] = here, f"stripes {found[-1][1]:.4f}"
             if found[-1][1] > VISIBLE:
                 break
-        # Where even the finest shows them, that one; where more subsamples do not help, as far as fewer got.
-        limits[subsamples] = largest(found, VISIBLE) or max(limits.values(), default=methods.DISTANCES[0])
-    return rows, times(slices, scene.camera, size, name, limits, 1 if quick else VIEWS), images
+        limits[subsamples] = limit(found, limits)
+    return rows, images
 
 
-def times(slices: Slices, camera_of: Any, size: int, name: str, limits: dict[int, float], views: int) -> list[Found]:
-    """By size of the kernel: what a subsample costs, and ICS and the fastest SCS over the viewpoints."""
+def limit(found: list[tuple[float, float]], limits: dict[int, float]) -> float:
+    """The largest distance without stripes, after those of fewer subsamples: where even the finest shows them, that
+    one; where more subsamples do not help, as far as fewer got.
+    """
+    return largest(found, VISIBLE) or max(limits.values(), default=methods.DISTANCES[0])
+
+
+def times(name: str, quick: bool, rows_of_distances: list[Found]) -> list[Found]:
+    """Of a scene, by size of the kernel: what a subsample costs, and ICS and the fastest SCS over the viewpoints."""
+    scene, slices, size = sliced(name, quick)
+    camera_of, views = scene.camera, 1 if quick else VIEWS
+    limits: dict[int, float] = {}
+    for subsamples in (0, *SUBSAMPLES):
+        of = [row for row in rows_of_distances if row["scene"] == name and int(row["subsamples"]) == subsamples]
+        limits[subsamples] = limit([(float(row["distance"]), float(row["stripes"])) for row in of], limits)
     rows: list[Found] = []
     first = camera_of(parallel=True)
     for taps in KERNELS:
@@ -107,19 +124,45 @@ def times(slices: Slices, camera_of: Any, size: int, name: str, limits: dict[int
     return rows
 
 
-@STUDY.part("ICS and SCS slice by slice")
-def slice_by_slice(folder: Path, quick: bool) -> str:
-    """The paper's algorithm itself: slices saved, the cost of a subsample, and the time, by the size of the kernel."""
+def of_scenes(work: Any, quick: bool, *given: Any) -> list[Any]:
+    """What ``work`` finds of each scene, a processor each."""
     names = list(SCENES)
     if quick:
-        results = [one(name, quick) for name in names[:2]]
-    else:
-        with ProcessPoolExecutor(len(sched_getaffinity(0)), get_context("spawn")) as pool:
-            results = list(pool.map(one, names, [quick] * len(names)))
-    distances = [row for rows, _, _ in results for row in rows]
-    rows = [row for _, found, _ in results for row in found]
+        return [work(name, quick, *given) for name in names[:2]]
+    with ProcessPoolExecutor(len(sched_getaffinity(0)), get_context("spawn")) as pool:
+        return list(pool.map(work, names, [quick] * len(names), *([each] * len(names) for each in given)))
+
+
+@STUDY.part("ICS and SCS slice by slice: distances")
+def slice_by_slice(folder: Path, quick: bool) -> str:
+    """The paper's algorithm itself: stripes by slice distance and subsamples."""
+    results = of_scenes(distances, quick)
+    rows = [row for found, _ in results for row in found]
+    write_rows(folder, "stripes", "Stripes by slice distance and subsamples", rows)
+    for name, (_, images) in zip(SCENES, results, strict=False):
+        if images:
+            panels(folder, name.replace(", ", "-"), images)
+    clean = {m: [r["distance"] for r in rows if r["subsamples"] == m and r["stripes"] <= VISIBLE] for m in (0, 4)}
+    return "Without stripes up to " + ", ".join(
+        f"{max(found):g} with {m} subsamples" for m, found in clean.items() if found
+    )
+
+
+def known_distances(folder: Path, quick: bool) -> list[Found]:
+    """Rows of the part above: of the same run or, since they depend on no machine, as they are recorded."""
+    for place in (folder.parent, RECORDED / STUDY.name):
+        path = place / "slice_by_slice" / "stripes.csv"
+        if path.exists() and not quick:
+            with path.open(newline="", encoding="utf-8") as file:
+                return list(csv.DictReader(file))
+    return [row for found, _ in of_scenes(distances, quick) for row in found]
+
+
+@STUDY.part("ICS and SCS slice by slice: times")
+def slice_times(folder: Path, quick: bool) -> str:
+    """Slices saved, the cost of a subsample, and the time, by the size of the kernel."""
+    rows = [row for found in of_scenes(times, quick, known_distances(folder, quick)) for row in found]
     views = 1 if quick else VIEWS
-    write_rows(folder, "stripes", "Stripes by slice distance and subsamples", distances)
     write_rows(folder, "slices", f"ICS and SCS at their largest distances without aliasing, {views} views", rows)
     summary: list[Found] = []
     paper = PAPER["speed-up over ICS, per cent"]
@@ -144,9 +187,6 @@ def slice_by_slice(folder: Path, quick: bool) -> str:
     axes.legend(frameon=False)
     axes.grid(color="0.9")
     save_figure(figure, folder / "slice-by-slice")
-    for name, (_, _, images) in zip(names, results, strict=False):
-        if images:
-            panels(folder, name.replace(", ", "-"), images)
     last = summary[-2]
     return (
         f"With {last['K']} x {last['K']} taps SCS is {last['mean [%]']:.0f} % faster than ICS in the mean and "
