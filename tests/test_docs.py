@@ -82,8 +82,9 @@ def named(value: str, label: str) -> bool:
 
 
 def cell(page: Path, at: str, labels: dict[str, str]) -> dict[str, str]:
-    """The row of a file, with its keys as the labels say and, in brackets, other columns as given."""
+    """The row of a file, with its keys as the labels say and, in brackets, other columns as given, or another file."""
     name, *given = re.split(r"[\[\];]+", at.strip())
+    name, given = next((one for one in given if ".csv" in one), name), [one for one in given if ".csv" not in one]
     with (page.parent / name.strip()).open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     wanted = dict(one.strip().split("=") for one in given if one.strip())
@@ -99,7 +100,7 @@ def test_numbers_are_those_of_their_cells(page, source, table):
     """``FILE by KEY: A, B*100 | [scene=bonsai] C | -``: in each row of the page, whose first column is the KEY of a row
     of the file, the second has numbers of its columns A and B (B in per cent), the third C of the row that also has the
     scene, the last none that were measured. Keys may be several, ``KEY + KEY``, as many first columns of the page;
-    names with commas are in quotation marks.
+    names with commas are in quotation marks. ``[another.csv; scene=bonsai] C`` is of another file.
     """
     file, columns = source.split(" by ", 1)
     keys, columns = columns.split(": ", 1)
@@ -128,10 +129,7 @@ UNCOMMITTED = {
     f"{study}/{part}"
     for study, parts in {
         "angelelli2017": "figure5 figure6 model",
-        "campagnolo2015": "figure6 speed table1 wide_steps",
         "frontier": "aneurism bluntfin scaling",
-        "lum2004": "table1",
-        "stability": "tables",
     }.items()
     for part in parts.split()
 }

@@ -61,9 +61,10 @@ class ConvolutionShadows:
         light, view-aligned where it comes within 60 degrees of the view, else half-angle.
     received
         Light that tissue is seen by. ``"traced"``: that of slices, linear between them, a quadratic spline between
-        their cells, so that those do not show; where tissue is so dense that light ends within a cell, what arrives a slab and a cell before it, less what is absorbed from there on, and
-        the emission of a part in closed form, so that nothing depends on where slices and cells lie. ``"front"``: that
-        at a slab's front as in the papers, of order 1; sub-samples have what is interpolated between slices.
+        their cells, so that those do not show; where tissue is so dense that light ends within a cell, what arrives a
+        slab and a cell before it, less what is absorbed from there on, and the emission of a part in closed form, so
+        that nothing depends on where slices and cells lie. ``"front"``: that at a slab's front as in the papers, of
+        order 1; sub-samples have what is interpolated between slices.
     image
         ``"rays"``: the image of the renderer's integrator, times the share of each pixel's emission that light reaches
         by the slices; what aliases in the slices is in both parts of the share. Opacity is the integrator's.
