@@ -1,4 +1,4 @@
-"""VTK's processor ray caster, ``vtkFixedPointVolumeRayCastMapper``, in a process of its own.
+"""VTK's ray casters, of processors (``vtkFixedPointVolumeRayCastMapper``) and of GPUs, in a process of their own.
 
 VTK draws the mapper's image with OpenGL, even off-screen. Where there is none (no EGL, OSMesa or X) VTK may end the
 process, so it runs in another one, which stays and measures its own frames.
@@ -8,16 +8,22 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import re
 import sys
 from multiprocessing.connection import Connection
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+import wvr
+
 from .harness import Time, timed
 from .scenes import Scene
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 # VTK's opacity is linear between control points, wvr's extinction; close points make them one. Per grey level, of which
 # floating-point samples count as having 255.
@@ -46,28 +52,33 @@ class VtkCpu:
     """
 
     def __init__(self, scene: Scene, scale: int, threads: int, maximum: bool = False):
+        self._start(scene, scale, threads, maximum)
+
+    def _start(self, scene: Scene, scale: int, threads: int | None, maximum: bool) -> None:
         context = multiprocessing.get_context("spawn")
         self._connection, other = context.Pipe()
         self._process = context.Process(target=_serve, args=(other, scene, scale, threads, maximum), daemon=True)
         self._process.start()
         other.close()
 
-    def __enter__(self) -> VtkCpu:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._process.kill()
         self._process.join()
 
-    def frame(self, step: float = 1.0) -> Time:
-        """Renders a frame with samples ``step`` smallest voxel spacings apart: the time it took, read-back included."""
-        return self._ask(step)
+    def frame(self, step: float = 1.0, camera: wvr.Camera | None = None) -> Time:
+        """Renders a frame with samples ``step`` smallest voxel spacings apart, from another camera if one is given: the
+        time it took, read-back included.
+        """
+        return self._ask((step, camera))
 
     def image(self) -> NDArray[np.float64]:
         """The last frame: premultiplied RGBA (height, width, 4), row 0 at the top."""
         return self._ask(None)
 
-    def _ask(self, question: float | None) -> Any:
+    def _ask(self, question: tuple[float, wvr.Camera | None] | str | None) -> Any:
         try:
             self._connection.send(question)
             if not self._connection.poll(PATIENCE):
@@ -83,7 +94,18 @@ class VtkCpu:
         return answer
 
 
-def _serve(connection: Connection, scene: Scene, scale: int, threads: int, maximum: bool) -> None:
+class VtkGpu(VtkCpu):
+    """A scene in VTK's ray caster for GPUs, ``vtkGPUVolumeRayCastMapper``, through OpenGL; used with ``with``."""
+
+    def __init__(self, scene: Scene):
+        self._start(scene, 1, None, False)
+
+    def renderer(self) -> str:
+        """What draws, as OpenGL says: a processor can, too."""
+        return self._ask("renderer")
+
+
+def _serve(connection: Connection, scene: Scene, scale: int, threads: int | None, maximum: bool) -> None:
     """Answers questions until the parent ends it."""
     # Without a display VTK looks for X first, and may end the process.
     if sys.platform == "linux" and not os.environ.get("DISPLAY"):
@@ -95,11 +117,17 @@ def _serve(connection: Connection, scene: Scene, scale: int, threads: int, maxim
         pixels = _Pixels(window, scene.size)
         frame = timed(pixels.render)
         while True:
-            step = connection.recv()
-            if step is None:
+            question = connection.recv()
+            if question is None:
                 connection.send(pixels.rgba)
+            elif question == "renderer":
+                found = re.search(r"renderer string: *(.*)", window.ReportCapabilities())
+                connection.send(found.group(1) if found else "")
             else:
+                step, camera = question
                 _set_step(mapper, step * scene.volume.smallest_spacing)
+                if camera is not None:
+                    _set_camera(window.GetRenderers().GetFirstRenderer(), camera)
                 connection.send(frame())
     except Exception as error:  # whatever it is, the parent reports it
         connection.send(error)
@@ -124,10 +152,23 @@ class _Pixels:
 
 def _set_step(mapper: Any, distance: float) -> None:
     mapper.SetSampleDistance(distance)
-    mapper.SetInteractiveSampleDistance(distance)
+    if hasattr(mapper, "SetInteractiveSampleDistance"):
+        mapper.SetInteractiveSampleDistance(distance)
 
 
-def _window(scene: Scene, scale: int, threads: int) -> tuple[Any, Any]:
+def _set_camera(renderer: Any, given: wvr.Camera) -> None:
+    camera = renderer.GetActiveCamera()
+    camera.SetPosition(*given.position)
+    camera.SetFocalPoint(*given.target)
+    camera.SetViewUp(*given.up)
+    camera.SetViewAngle(given.view_angle)
+    if given.parallel_scale is not None:
+        camera.ParallelProjectionOn()
+        camera.SetParallelScale(given.parallel_scale)
+    renderer.ResetCameraClippingRange()
+
+
+def _window(scene: Scene, scale: int, threads: int | None) -> tuple[Any, Any]:
     """A render window with the scene, unshaded before a transparent black background, and its mapper."""
     import pyvista as pv
     import vtkmodules.vtkRenderingOpenGL2
@@ -140,7 +181,7 @@ def _window(scene: Scene, scale: int, threads: int) -> tuple[Any, Any]:
         vtkVolume,
         vtkVolumeProperty,
     )
-    from vtkmodules.vtkRenderingVolume import vtkFixedPointVolumeRayCastMapper
+    from vtkmodules.vtkRenderingVolume import vtkFixedPointVolumeRayCastMapper, vtkGPUVolumeRayCastMapper
 
     own = scene.volume.numpy()
     grid = pv.ImageData(dimensions=own.shape[::-1], spacing=scene.volume.spacing, origin=scene.volume.origin)
@@ -162,9 +203,10 @@ def _window(scene: Scene, scale: int, threads: int) -> tuple[Any, Any]:
     prop.SetInterpolationTypeToLinear()
     prop.ShadeOff()
 
-    mapper = vtkFixedPointVolumeRayCastMapper()
+    mapper = vtkGPUVolumeRayCastMapper() if threads is None else vtkFixedPointVolumeRayCastMapper()
     mapper.SetInputData(grid)
-    mapper.SetNumberOfThreads(threads)
+    if threads is not None:
+        mapper.SetNumberOfThreads(threads)
     # By default VTK takes coarser steps and fewer rays to reach a frame rate.
     mapper.AutoAdjustSampleDistancesOff()
     mapper.LockSampleDistanceToInputSpacingOff()
@@ -177,15 +219,7 @@ def _window(scene: Scene, scale: int, threads: int) -> tuple[Any, Any]:
     renderer.SetBackground(0, 0, 0)
     renderer.SetBackgroundAlpha(0)
     renderer.AddVolume(volume)
-    camera = renderer.GetActiveCamera()
-    camera.SetPosition(*scene.camera.position)
-    camera.SetFocalPoint(*scene.camera.target)
-    camera.SetViewUp(*scene.camera.up)
-    camera.SetViewAngle(scene.camera.view_angle)
-    if scene.camera.parallel_scale is not None:
-        camera.ParallelProjectionOn()
-        camera.SetParallelScale(scene.camera.parallel_scale)
-    renderer.ResetCameraClippingRange()
+    _set_camera(renderer, scene.camera)
 
     window = vtkRenderWindow()
     window.SetOffScreenRendering(True)
