@@ -85,11 +85,15 @@ class Keeper:
         self._arrays.setdefault(self._building[-1], []).append(array)
         return array
 
-    def scratch(self, name: str, shape: tuple[int, ...], dtype: Any) -> wp.array:
-        """An array that frames leave to one another, for what does not outlast a frame."""
+    def scratch(self, name: str, shape: tuple[int, ...], dtype: Any, host: bool = False) -> wp.array:
+        """An array that frames leave to one another, for what does not outlast a frame; on the ``host`` page-locked
+        memory that the device copies to.
+        """
         array = self._scratch.get(name)
         if array is None or array.shape != tuple(shape) or array.dtype is not dtype:
-            self._scratch[name] = array = wp.empty(shape, dtype=dtype, device=self.device)
+            where = wp.get_device("cpu") if host else self.device
+            pinned = host and self.device.is_cuda
+            self._scratch[name] = array = wp.empty(shape, dtype=dtype, device=where, pinned=pinned)
         return array
 
     def end_of_frame(self) -> None:

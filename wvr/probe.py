@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,8 +14,10 @@ from .keep import Keeper
 from .kernels.probe import make_probing
 from .kernels.ray import item
 from .launch import launch, launch_pixels
+from .resident import fetched
 
 if TYPE_CHECKING:
+    from .clock import Clock
     from .frame import Frame
     from .scene import Scene
 
@@ -33,28 +34,28 @@ class Probed(NamedTuple):
     bounds: wp.array
     values: wp.array
     depths: wp.array
-    prepared: float  # when rays began [seconds of ``perf_counter``]
     skipped: float  # share of blocks
 
 
-def probe(frame: Frame, pixel: tuple[int, int] | None = None) -> Probed:
-    """What an integrator that probes finds in all pixels, or in one."""
+def probe(frame: Frame, clock: Clock | None = None, pixel: tuple[int, int] | None = None) -> Probed:
+    """What an integrator that probes finds in all pixels, or in one; a clock is told when rays begin and end."""
     halves = frame.halves(wp.float64, frame.scene.integrator.half(frame.scene))
     struct, seen = frame.struct(halves)
     shape, device = (frame.height, frame.width), frame.device
     rgba = wp.empty(shape, dtype=wp.vec4d, device=device)
     samples = wp.empty(shape, dtype=int, device=device)
     numbers = [wp.empty(shape, dtype=wp.float64, device=device) for _ in range(3)]
-    wp.synchronize_device(device)
-    prepared = perf_counter()
+    if clock is not None:
+        clock.mark()
     kernel, inputs = make_probing(halves), [struct, rgba, samples, *numbers]
     if pixel is None:
         launch_pixels(kernel, inputs, device, struct.view)
     else:
         launch(kernel, 1, inputs, device, first=item(frame.width, *pixel))
-    wp.synchronize_device(device)
+    if clock is not None:
+        clock.mark()
     bounds, values, depths = numbers
-    return Probed(rgba, samples, bounds, values, depths, prepared, seen.skipped)
+    return Probed(rgba, samples, bounds, values, depths, seen.skipped)
 
 
 def make_prober(frame: Frame, again: Callable[[Scene, Keeper], Frame]) -> Prober:
@@ -74,10 +75,11 @@ def make_prober(frame: Frame, again: Callable[[Scene, Keeper], Frame]) -> Prober
         integrator = scene.integrator.reaching(opacity)
         sought = replace(frame.given, integrator=integrator, lighting=None, shadows=None, clips=clips)
         sought.check(frame.camera)
-        found = probe(again(sought, keep), pixel)
+        found = probe(again(sought, keep), pixel=pixel)
         keep.end_of_frame()
         at: Any = slice(None) if pixel is None else (pixel[1], pixel[0])
-        return found.values.numpy()[at], found.depths.numpy()[at]
+        values, depths = fetched(keep, found.values, found.depths)
+        return values[at], depths[at]
 
     return prober
 

@@ -73,19 +73,24 @@ def contenders(day: Day, scene: Scene, lit: bool) -> Work:
 
 
 def of_wvr(day: Day, scene: Scene, vtk: dict[str, float], **options: Any) -> Row:
-    """Frames by wvr: whole ones, with the image brought to the host, and rays alone."""
+    """Frames by wvr: whole ones, with the image brought to the host; those whose image stays; and rays alone."""
     with rays_of(day.device):
         renderer = wvr.Renderer(scene.volume, scene.transfer_function, device=day.device, **options)
         start = perf_counter()
         renderer.render(scene.camera, scene.size)
         first = perf_counter() - start
         rays: list[float] = []
+        stay: list[float] = []
 
-        def frame(camera: wvr.Camera) -> None:
-            rays.append(renderer.render(camera, scene.size).stats["seconds_raycast"])
+        def frame(camera: wvr.Camera) -> object:
+            begin = perf_counter()
+            image = renderer.render(camera, scene.size)
+            stay.append(perf_counter() - begin)
+            rays.append(image.stats["seconds_raycast"])
+            return image.rgba
 
         row = summed(moving(scene, frame))
-    row |= {"rays [ms]": 1e3 * median(rays), "first frame [s]": first}
+    row |= {"stays [ms]": 1e3 * median(stay), "rays [ms]": 1e3 * median(rays), "first frame [s]": first}
     return row | ({"× VTK": row["frame [ms]"] / vtk["frame [ms]"]} if vtk else {})
 
 
