@@ -164,8 +164,12 @@ class Frame:
         tracer: Tracer | None = None,
     ) -> Image:
         size = (self.width, self.height)
-        prober = make_prober(self, lambda scene, keep: Frame(scene, self.camera, size, keep, self.ends))
-        return image_of(self, pixels, samples, stats, tracer, prober)
+
+        def again(scene: Scene, keep: Keeper, pixel: tuple[int, int] | None) -> list[NDArray]:
+            found = probe(Frame(scene, self.camera, size, keep, self.ends), pixel=pixel)
+            return fetched(keep, found.values, found.depths)
+
+        return image_of(self, pixels, samples, stats, tracer, make_prober(self, again))
 
     def halves(self, real: type, march: Any) -> Halves:
         """What a kernel with a ``march`` in a precision is made of."""

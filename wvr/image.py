@@ -247,7 +247,7 @@ class Image:
 
     def _probing(self, what: str) -> Prober:
         if self._prober is None:
-            raise ValueError(f"{what} needs an image that wvr.render made of a volume in memory, and not in bricks")
+            raise ValueError(f"{what} needs an image that wvr.render made")
         return self._prober
 
     def _pixel(self, x: int, y: int) -> tuple[int, int]:

@@ -14,7 +14,6 @@ from .keep import Keeper
 from .kernels.probe import make_probing
 from .kernels.ray import item
 from .launch import launch, launch_pixels
-from .resident import fetched
 
 if TYPE_CHECKING:
     from .clock import Clock
@@ -58,11 +57,13 @@ def probe(frame: Frame, clock: Clock | None = None, pixel: tuple[int, int] | Non
     return Probed(rgba, samples, bounds, values, depths, seen.skipped)
 
 
-def make_prober(frame: Frame, again: Callable[[Scene, Keeper], Frame]) -> Prober:
-    """Finds where rays have an opacity, in frames of another scene that are made ``again``."""
+def make_prober(frame: Any, again: Callable[[Scene, Keeper, tuple[int, int] | None], list[Floats]]) -> Prober:
+    """Finds where rays have an opacity: what those of another scene find, in all pixels or in one, when asked
+    ``again``.
+    """
     scene = frame.scene
     # Parts of its own: those of the renderer may be another scene's by then.
-    keep = Keeper(frame.device)
+    keep = Keeper(frame.keep.device)
     volumes = frame.given.volumes()
     versions = [volume.version for volume in volumes]
     clips = tuple(clip.exact() for clip in scene.clips)
@@ -75,10 +76,9 @@ def make_prober(frame: Frame, again: Callable[[Scene, Keeper], Frame]) -> Prober
         integrator = scene.integrator.reaching(opacity)
         sought = replace(frame.given, integrator=integrator, lighting=None, shadows=None, clips=clips)
         sought.check(frame.camera)
-        found = probe(again(sought, keep), pixel=pixel)
+        values, depths = again(sought, keep, pixel)
         keep.end_of_frame()
         at: Any = slice(None) if pixel is None else (pixel[1], pixel[0])
-        values, depths = fetched(keep, found.values, found.depths)
         return values[at], depths[at]
 
     return prober
