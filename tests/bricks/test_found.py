@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from threading import Event
+
 import numpy as np
 import pytest
 
 import wvr
-from wvr.bricks import stored
+from wvr.bricks import stored, streamed
+from wvr.bricks.allowance import Allowance
 from wvr.bricks.frame import BrickedFrame
 from wvr.bricks.grid import Bricks
 
@@ -165,3 +168,45 @@ def test_a_block_that_cannot_be_read_is_in_the_bound(known):
 def test_what_has_no_bound_for_what_is_not_read_says_so(known, options):
     with pytest.raises(ValueError, match="needs an integrator with a bound on what is not read"):
         wvr.render(known, SPAN, VIEWS[0], SIZE, **options)
+
+
+class Clock:
+    """Seconds that go by with what is done alone."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.mark.parametrize("method", [wvr.Certified(1 / 256), wvr.Projection("max")], ids=repr)
+@pytest.mark.parametrize("slower", [1.0, 5.0])
+def test_a_budget_of_seconds_is_kept(known, monkeypatch, method, slower):
+    """By what reads took so far, also on a machine that others slow down meanwhile: by no more than that costs one."""
+    clock, took = Clock(), 0.1
+    region = stored.StoredVolume.region
+    reads = []
+
+    def read(self, low, high):
+        reads.append(took * (slower if len(reads) >= 3 else 1.0))
+        clock.now += reads[-1]
+        return region(self, low, high)
+
+    monkeypatch.setattr(stored.StoredVolume, "region", read)
+    monkeypatch.setattr(streamed, "Allowance", lambda reading: Allowance(reading, clock))
+    image = wvr.render(known, TF, VIEWS[0], SIZE, integrator=method, budget=3.0)
+    assert 3 < len(reads) < 40 and image.error_bound.max() > 1 / 256
+    # A brick is of up to eight blocks, one that is read ahead besides.
+    assert clock.now <= 3.0 + 9 * max(reads)
+
+
+def test_what_is_not_read_in_time_is_not_waited_for(known, monkeypatch):
+    there = Event()
+    monkeypatch.setattr(stored.StoredVolume, "region", lambda *_: there.wait(60) and None)
+    try:
+        for method in (wvr.Certified(1 / 256), wvr.Projection("max")):
+            image = wvr.render(known, TF, VIEWS[0], SIZE, integrator=method, budget=0.2)
+            assert image.stats["blocks_read"] == 0 and image.stats["bricks_unread"] > 0
+    finally:
+        there.set()
