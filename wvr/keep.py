@@ -12,6 +12,8 @@ from typing import Any, ClassVar
 
 import warp as wp
 
+from .launch import Lock
+
 # Bytes of parts that the last frame did not ask for.
 SPARE = 1 << 30
 
@@ -33,10 +35,14 @@ class Keeper:
     ----------
     builds
         How often parts of a name were built.
+    lock
+        For threads that share it.
     """
 
     def __init__(self, device: wp.Device):
         self.device = device
+        self.lock = Lock()
+        self._beside: Keeper | None = None
         self.builds: Counter[str] = Counter()
         self._kept: dict[Part, Any] = {}  # those asked for last come last
         self._asked: dict[Part, Any] = {}
@@ -63,6 +69,12 @@ class Keeper:
             self.builds[part.name] += 1
         self._ask(part)
         return self._kept[part]
+
+    def beside(self) -> Keeper:
+        """Another, always the same, for what is asked of images: the parts here may be another scene's by then."""
+        if self._beside is None:
+            self._beside = Keeper(self.device)
+        return self._beside
 
     def _ask(self, part: Part) -> None:
         """What a part was built from stays with it: what is built next may need that too."""

@@ -62,8 +62,7 @@ def make_prober(frame: Any, again: Callable[[Scene, Keeper, tuple[int, int] | No
     ``again``.
     """
     scene = frame.scene
-    # Parts of its own: those of the renderer may be another scene's by then.
-    keep = Keeper(frame.keep.device)
+    keep = frame.keep.beside()
     volumes = frame.given.volumes()
     versions = [volume.version for volume in volumes]
     clips = tuple(clip.exact() for clip in scene.clips)
@@ -76,8 +75,11 @@ def make_prober(frame: Any, again: Callable[[Scene, Keeper, tuple[int, int] | No
         integrator = scene.integrator.reaching(opacity)
         sought = replace(frame.given, integrator=integrator, lighting=None, shadows=None, clips=clips)
         sought.check(frame.camera)
-        values, depths = again(sought, keep, pixel)
-        keep.end_of_frame()
+        with keep.lock.held():
+            try:
+                values, depths = again(sought, keep, pixel)
+            finally:
+                keep.end_of_frame()
         at: Any = slice(None) if pixel is None else (pixel[1], pixel[0])
         return values[at], depths[at]
 
