@@ -14,8 +14,9 @@ import numpy as np
 
 import wvr
 from benchmarks.scenes import transfer_functions
+from studies.base.peer import NotAvailableError
 from studies.base.scenes import SCENES, Scene, is_there, make_scene
-from studies.base.vtk_cpu import NotAvailableError, VtkGpu
+from studies.base.vtk_cpu import VtkGpu
 from wvr.integrators import Integrator
 
 from .day import Day, Row, Work

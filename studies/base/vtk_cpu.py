@@ -6,36 +6,26 @@ process, so it runs in another one, which stays and measures its own frames.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import re
 import sys
-from multiprocessing.connection import Connection
-from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import wvr
 
-from .harness import Time, timed
+from .peer import Peer
 from .scenes import Scene
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
 
 # VTK's opacity is linear between control points, wvr's extinction; close points make them one. Per grey level, of which
 # floating-point samples count as having 255.
 POINTS = 16
-PATIENCE = 120.0  # seconds until a frame counts as hung
+HINT = "off-screen OpenGL needs EGL or OSMesa"
 
 
-class NotAvailableError(Exception):
-    """VTK cannot render here; says why."""
-
-
-class VtkCpu:
+class VtkCpu(Peer):
     """A scene in VTK; used with ``with``.
 
     Parameters
@@ -52,108 +42,53 @@ class VtkCpu:
     """
 
     def __init__(self, scene: Scene, scale: int, threads: int, maximum: bool = False):
-        self._start(scene, scale, threads, maximum)
-
-    def _start(self, scene: Scene, scale: int, threads: int | None, maximum: bool) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._connection, other = context.Pipe()
-        self._process = context.Process(target=_serve, args=(other, scene, scale, threads, maximum), daemon=True)
-        self._process.start()
-        other.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._process.kill()
-        self._process.join()
-
-    def frame(self, step: float = 1.0, camera: wvr.Camera | None = None) -> Time:
-        """Renders a frame with samples ``step`` smallest voxel spacings apart, from another camera if one is given: the
-        time it took, read-back included.
-        """
-        return self._ask((step, camera))
-
-    def image(self) -> NDArray[np.float64]:
-        """The last frame: premultiplied RGBA (height, width, 4), row 0 at the top."""
-        return self._ask(None)
-
-    def _ask(self, question: tuple[float, wvr.Camera | None] | str | None) -> Any:
-        try:
-            self._connection.send(question)
-            if not self._connection.poll(PATIENCE):
-                raise NotAvailableError(f"no frame within {PATIENCE:g} s")
-            answer = self._connection.recv()
-        except (EOFError, OSError):
-            self._process.join()
-            raise NotAvailableError(
-                f"its process ended with exit code {self._process.exitcode} (off-screen OpenGL needs EGL or OSMesa)"
-            ) from None
-        if isinstance(answer, Exception):
-            raise NotAvailableError(repr(answer))
-        return answer
+        super().__init__(Painter, scene, scale, threads, maximum, hint=HINT)
 
 
-class VtkGpu(VtkCpu):
+class VtkGpu(Peer):
     """A scene in VTK's ray caster for GPUs, ``vtkGPUVolumeRayCastMapper``, through OpenGL; used with ``with``."""
 
     def __init__(self, scene: Scene):
-        self._start(scene, 1, None, False)
+        super().__init__(Painter, scene, 1, None, False, hint=HINT)
 
     def renderer(self) -> str:
         """What draws, as OpenGL says: a processor can, too."""
-        return self._ask("renderer")
+        return self.ask("renderer")
 
 
-def _serve(connection: Connection, scene: Scene, scale: int, threads: int | None, maximum: bool) -> None:
-    """Answers questions until the parent ends it."""
-    # Without a display VTK looks for X first, and may end the process.
-    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
-        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-    try:
-        window, mapper = _window(scene, scale, threads)
+class Painter:
+    """Renders a scene in a window and reads it back."""
+
+    def __init__(self, scene: Scene, scale: int, threads: int | None, maximum: bool):
+        # Without a display VTK looks for X first, and may end the process.
+        if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+            os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+        self.window, self.mapper = _window(scene, scale, threads)
         if maximum:
-            mapper.SetBlendModeToMaximumIntensity()
-        pixels = _Pixels(window, scene.size)
-        frame = timed(pixels.render)
-        while True:
-            question = connection.recv()
-            if question is None:
-                connection.send(pixels.rgba)
-            elif question == "renderer":
-                found = re.search(r"renderer string: *(.*)", window.ReportCapabilities())
-                connection.send(found.group(1) if found else "")
-            else:
-                step, camera = question
-                _set_step(mapper, step * scene.volume.smallest_spacing)
-                if camera is not None:
-                    _set_camera(window.GetRenderers().GetFirstRenderer(), camera)
-                connection.send(frame())
-    except Exception as error:  # whatever it is, the parent reports it
-        connection.send(error)
+            self.mapper.SetBlendModeToMaximumIntensity()
+        self.size, self.spacing = scene.size, scene.volume.smallest_spacing
 
-
-class _Pixels:
-    """Renders a window and reads it back."""
-
-    def __init__(self, window: Any, size: tuple[int, int]):
-        self.window, self.size = window, size
-
-    def render(self) -> None:
+    def draw(self, step: float, camera: wvr.Camera | None) -> None:
         from vtkmodules.util.numpy_support import vtk_to_numpy
         from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 
+        self.mapper.SetSampleDistance(step * self.spacing)
+        if hasattr(self.mapper, "SetInteractiveSampleDistance"):
+            self.mapper.SetInteractiveSampleDistance(step * self.spacing)
+        if camera is not None:
+            _set_camera(self.window.GetRenderers().GetFirstRenderer(), camera)
         width, height = self.size
         self.window.Render()
         bytes_ = vtkUnsignedCharArray()
         self.window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, bytes_)
         self.rgba = vtk_to_numpy(bytes_).reshape(height, width, 4)[::-1] / 255
 
+    def image(self) -> NDArray[np.floating]:
+        return self.rgba
 
-def _set_step(mapper: Any, distance: float) -> None:
-    mapper.SetSampleDistance(distance)
-    if hasattr(mapper, "SetInteractiveSampleDistance"):
-        mapper.SetInteractiveSampleDistance(distance)
+    def renderer(self) -> str:
+        found = re.search(r"renderer string: *(.*)", self.window.ReportCapabilities())
+        return found.group(1) if found else ""
 
 
 def _set_camera(renderer: Any, given: wvr.Camera) -> None:
