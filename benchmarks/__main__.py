@@ -17,6 +17,7 @@ from studies.base.harness import STYLE, Settings, markdown, rich_table, save, sa
 from wvr.files import write_text
 
 from . import certified, clipping, cold, peers, projections, throughput, viewer
+from .gpu import command as gpu
 
 ENTRIES: dict[str, ModuleType] = {
     "throughput": throughput,
@@ -32,6 +33,7 @@ RECORDED = Path(__file__).parent / "results"
 RECORDED_CHART = "peers.png"
 
 app = App(name="benchmarks", help_format="plaintext")
+app.command(gpu.run, name="gpu")
 
 
 @app.default

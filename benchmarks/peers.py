@@ -21,7 +21,8 @@ from studies.base.harness import (
     summarize,
     timed,
 )
-from studies.base.vtk_cpu import NotAvailableError, VtkCpu
+from studies.base.peer import NotAvailableError
+from studies.base.vtk_cpu import VtkCpu
 
 from . import numpy_marcher
 from .scenes import CONVERGED, Scene, Truth, make_scenes, truth

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 
 import wvr
 from studies.base.harness import Result, Row, Settings, Time, bars, interleave, machine, summarize, timed
+from studies.base.peer import NotAvailableError
 from studies.base.scenes import Scene
-from studies.base.vtk_cpu import NotAvailableError, VtkCpu
+from studies.base.vtk_cpu import VtkCpu
 
 BASELINE = "wvr maximum"
 VTK = "VTK maximum, step 1"

@@ -14,37 +14,82 @@ from functools import cache
 
 import warp as wp
 
+from .bricks.brick import on_grain
 from .cuts.stretches import make_span
 from .cuts.volumes import make_near_surfaces
 from .integrators.found import Found, nothing
-from .ray import FAR, TILE, ending, entry, inside, inverted, line, near_faces, obliquity, pixel, slack
+from .ray import FAR, TILE, View, ending, entry, inside, inverted, line, near_faces, obliquity, pixel, slack
 
 # What clips and labels leave of a ray may be missed where it is shorter [smallest voxel spacing].
 SHORTEST = 1.0e-6
 
 
-@cache
-def make_probing(halves):
-    """Kernel ``(base, scene, rgba, samples, bounds, values, depths)`` over work items of ``ray.pixel``.
+@wp.struct
+class Outset:
+    """A ray before anything is found along it."""
 
-    Values and depths, from the camera's plane along the view, are NaN where there is none; bounds are infinite where
-    rounding decides whether there is any.
+    point: wp.vec3d  # where it enters the box
+    direction: wp.vec3d
+    first: wp.float64  # where that is from the anchor on
+    oblique: wp.float64
+    start: wp.float64  # of what there may be to find
+    stop: wp.float64
+    loose: wp.float64  # length of which rounding decides whether it is in the box, and before the depth that ends it
+
+
+@wp.func
+def outset(view: View, x: int, y: int):
+    """The ray of a pixel."""
+    ray = Outset()
+    zero = wp.float64(0.0)
+    point, direction, length, first = entry(view, x, y)
+    if view.grain > zero:
+        point = on_grain(point, view.grain)
+    end, loose = ending(view, x, y)
+    anchor, direction, begin = line(view, x, y)
+    ray.point = point
+    ray.direction = direction
+    ray.first = first
+    ray.oblique = obliquity(view, x, y)
+    # Rounding decides where the box begins and ends, where the camera is in it, and the image's depths.
+    ray.loose = near_faces(
+        view.low, view.high, anchor, inverted(direction), wp.float64(2.0) * view.astray, begin, end + loose
+    )
+    if length > zero:
+        start, stop = inside(view.seen_low, view.seen_high, point, inverted(direction), zero, length)
+        ray.start = start
+        ray.stop = wp.min(stop, end - first)
+        if loose > zero:
+            ray.loose += loose + wp.float64(wp.static(2.0**-50)) * wp.abs(first)
+        if first == begin:
+            ray.loose += slack(view, ray.oblique, zero)
+    return ray
+
+
+@cache
+def make_along(halves):
+    """``along(scene, origin, direction, start, stop, begins, ends, found)``: what there is on the part of a ray that
+    clips and labels leave; ``begins`` and ``ends``, whether the ray does so there.
     """
     Scene = halves.Scene
     cuts = halves.cuts
     probe = halves.march.probe(halves)
-    told = halves.march.told(halves)
     borders = halves.march.borders
     border = halves.march.border(halves) if borders else None
     span = make_span(halves)
-    near_surfaces = make_near_surfaces(cuts.kinds, cuts.volumes)
 
     @wp.func
-    def along(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, start: wp.float64, stop: wp.float64, given: Found):
-        """What there is on the part of a ray that clips and labels leave."""
+    def along(
+        scene: Scene,
+        origin: wp.vec3d,
+        direction: wp.vec3d,
+        start: wp.float64,
+        stop: wp.float64,
+        begins: bool,
+        ends: bool,
+        given: Found,
+    ):
         found = given
-        if wp.static(cuts.clipped):
-            found.loose += near_surfaces(scene.cuts.clipping, origin, direction, start, stop)
         surfaces = found.loose
         before = wp.float64(0.0)
         t = start
@@ -56,7 +101,8 @@ def make_probing(halves):
                 state, until, loose = span(scene, origin, direction, t, stop)
             found.loose += loose
             if wp.static(borders):
-                found = border(scene, origin + t * direction, direction, surfaces + before + loose, found)
+                if begins or wp.static(cuts.any):
+                    found = border(scene, origin + t * direction, direction, surfaces + before + loose, found)
             before = loose
             if state >= 0:
                 found.state = state
@@ -65,8 +111,56 @@ def make_probing(halves):
                 found = probe(scene, origin, direction, t, until, found)
             t = until
         if wp.static(borders):
-            found = border(scene, origin + stop * direction, direction, surfaces + before, found)
+            if ends or wp.static(cuts.any):
+                found = border(scene, origin + stop * direction, direction, surfaces + before, found)
         return found
+
+    return along
+
+
+@cache
+def make_settled(halves):
+    """``settled(scene, ray, found)`` -> what all of a ray comes to, its value and depth."""
+    Scene = halves.Scene
+    told = halves.march.told(halves)
+    borders = halves.march.borders
+
+    @wp.func
+    def settled(scene: Scene, ray: Outset, given: Found):
+        zero = wp.float64(0.0)
+        found = told(scene, ray.direction, given)
+        some = found.length > zero
+        value = wp.float64(wp.nan)
+        depth = wp.float64(wp.nan)
+        if some:
+            value = found.value
+            if found.place > -FAR:
+                depth = scene.view.depth + (ray.first + found.place) / ray.oblique
+        if not wp.static(borders):
+            # Whether there is anything at all, what is too short does not tell.
+            hit = ray.stop > ray.start
+            short = wp.where(some, found.length, wp.where(hit, wp.float64(SHORTEST), zero))
+            if found.loose > zero and found.loose >= short:
+                found.bound = wp.float64(wp.inf)
+        return found, value, depth
+
+    return settled
+
+
+@cache
+def make_probing(halves):
+    """Kernel ``(base, scene, rgba, samples, bounds, values, depths)`` over work items of ``ray.pixel``.
+
+    Values and depths, from the camera's plane along the view, are NaN where there is none; bounds are infinite where
+    rounding decides whether there is any.
+    """
+    Scene = halves.Scene
+    cuts = halves.cuts
+    along = make_along(halves)
+    settled = make_settled(halves)
+    borders = halves.march.borders
+    border = halves.march.border(halves) if borders else None
+    near_surfaces = make_near_surfaces(cuts.kinds, cuts.volumes)
 
     @wp.kernel(enable_backward=False, module="unique")
     def probing(
@@ -81,49 +175,23 @@ def make_probing(halves):
         x, y = pixel(scene.view, wp.tid() + base)
         if y >= scene.view.height:
             return
-        view = scene.view
-        zero = wp.float64(0.0)
-        point, direction, length, first = entry(view, x, y)
-        end, loose = ending(view, x, y)
-        anchor, direction, begin = line(view, x, y)
+        ray = outset(scene.view, x, y)
+        point = ray.point
+        direction = ray.direction
         found = nothing()
-        # Rounding decides where the box begins and ends, where the camera is in it, and the image's depths.
-        found.loose = near_faces(
-            view.low, view.high, anchor, inverted(direction), wp.float64(2.0) * view.astray, begin, end + loose
-        )
-        oblique = obliquity(view, x, y)
-        start = zero
-        stop = zero
-        if length > zero:
-            start, stop = inside(view.seen_low, view.seen_high, point, inverted(direction), zero, length)
-            stop = wp.min(stop, end - first)
-            if loose > zero:
-                found.loose += loose + wp.float64(wp.static(2.0**-50)) * wp.abs(first)
-            if first == begin:
-                found.loose += slack(view, oblique, zero)
-        hit = stop > start
-        if hit:
+        found.loose = ray.loose
+        if ray.stop > ray.start:
             if wp.static(halves.vectors):
                 # On a processor the pixel before in the tile is done, whatever the number of threads.
                 if x % TILE > 0:
-                    found.hint = (depths[y, x - 1] - view.depth) * oblique - first
-            found = along(scene, point, direction, start, stop, found)
-        if wp.static(borders):
-            if not hit and found.loose > zero:
+                    found.hint = (depths[y, x - 1] - scene.view.depth) * ray.oblique - ray.first
+            if wp.static(cuts.clipped):
+                found.loose += near_surfaces(scene.cuts.clipping, point, direction, ray.start, ray.stop)
+            found = along(scene, point, direction, ray.start, ray.stop, True, True, found)
+        elif wp.static(borders):
+            if found.loose > wp.float64(0.0):
                 found = border(scene, point, direction, found.loose, found)
-        found = told(scene, direction, found)
-        some = found.length > zero
-        value = wp.float64(wp.nan)
-        depth = wp.float64(wp.nan)
-        if some:
-            value = found.value
-            if found.place > -FAR:
-                depth = view.depth + (first + found.place) / oblique
-        if not wp.static(borders):
-            # Whether there is anything at all, what is too short does not tell.
-            short = wp.where(some, found.length, wp.where(hit, wp.float64(SHORTEST), zero))
-            if found.loose > zero and found.loose >= short:
-                found.bound = wp.float64(wp.inf)
+        found, value, depth = settled(scene, ray, found)
         rgba[y, x] = found.rgba
         samples[y, x] = found.count
         bounds[y, x] = found.bound

@@ -2,13 +2,13 @@
 
 For each volume a chart and a table: median seconds a frame, largest and mean error of all channels against ``Exact``,
 with a smooth, a sharp (isosurfaces two grey levels wide) and an opaque transfer function; VTK's processor ray caster
-among them. Then time against size of the volume and of the image, against how much of the volume is visible, and
-against threads.
+and OSPRay among them. Then certified images that are asked to be as accurate as each of these was found to be, and time
+against size of the volume and of the image, against how much of the volume is visible, and against threads.
 
 Seconds are those of a frame of a renderer that has its tables. A ray ends when no more is left than the method may err
 by: a quarter of the tolerance, or, of a step h, h^order / 1024, so that no method waits for what it cannot see. VTK
 ends where its fixed point does; its image has 8 bits a channel and is drawn about a pixel wider than its rays are
-apart, as its largest errors, at outlines, show.
+apart, as its largest errors, at outlines, show. OSPRay's last step reaches beyond the volume.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -32,10 +33,12 @@ from wvr.integrators import Integrator
 
 from .base import scenes as views
 from .base.harness import COLORS, Contender, interleave, save_figure, timed
+from .base.ospray_cpu import OsprayCpu
+from .base.peer import NotAvailableError, Peer
 from .base.rows import write_rows
 from .base.scenes import Scene, picture
 from .base.study import Study
-from .base.vtk_cpu import NotAvailableError, VtkCpu
+from .base.vtk_cpu import VtkCpu
 
 STUDY = Study("frontier", "Time against error of every integrator")
 
@@ -78,10 +81,13 @@ METHODS = (
         "P--",
     ),
 )
-# What uint8 samples are multiplied by: on uint16 VTK is more accurate.
-VTK = {"VTK": 1, "VTK, uint16": 257}
-VTK_STYLES = {"VTK": "x-", "VTK, uint16": "+--"}
-VTK_STEPS = STEPS[:-1]
+# Other renderers: a process for a scene and a number of threads, and how their lines are drawn.
+PEERS: Mapping[str, tuple[Callable[[Scene, int], Peer], str, str]] = {
+    "VTK": (lambda scene, threads: VtkCpu(scene, 1, threads), COLORS[6], "x-"),
+    "VTK, uint16": (lambda scene, threads: VtkCpu(scene, 257, threads), COLORS[6], "+--"),
+    "OSPRay": (OsprayCpu, COLORS[7], "x-"),
+}
+PEER_STEPS = STEPS[:-1]
 
 # Of a volume: where three surfaces are, and from where on it is visible, as shares of its range.
 SURFACES = {
@@ -154,7 +160,7 @@ GOAL = 1e-3
 
 
 def _finding(kind: str, rows: list[dict[str, Any]]) -> str:
-    """Who is first below an error, largest and mean, and what VTK reaches."""
+    """Who is first below an error, largest and mean, and what peers reach."""
 
     def first(error: str) -> str:
         there = [row for row in rows if row[error] <= GOAL]
@@ -163,19 +169,20 @@ def _finding(kind: str, rows: list[dict[str, Any]]) -> str:
         best = min(there, key=lambda row: row["seconds"])
         return f"a {error} below {GOAL:g} is first reached by {_called(best)}, in {best['seconds']:.2g} s"
 
-    vtk = [row for row in rows if row["method"] in VTK]
-    if not vtk:
-        return f"{kind.capitalize()}: {first('max error')}; {first('mean error')}."
-    best = min(vtk, key=lambda row: row["mean error"])
-    faster = [row for row in rows if row["seconds"] <= best["seconds"] and row not in vtk]
-    ours = min(faster, key=lambda row: row["mean error"], default=None)
-    than = (
-        "nothing of wvr is as fast" if ours is None else f"{_called(ours)} is as fast and has {ours['mean error']:.1e}"
-    )
-    return (
-        f"{kind.capitalize()}: {first('max error')}; {first('mean error')}. VTK's smallest mean error is "
-        f"{best['mean error']:.1e}, in {best['seconds']:.2g} s; {than}."
-    )
+    said = [f"{kind.capitalize()}: {first('max error')}; {first('mean error')}."]
+    for peer in PEERS:
+        if not (theirs := [row for row in rows if row["method"] == peer]):
+            continue
+        best = min(theirs, key=lambda row: row["mean error"])
+        faster = [row for row in rows if row["seconds"] <= best["seconds"] and row["method"] not in PEERS]
+        ours = min(faster, key=lambda row: row["mean error"], default=None)
+        than = (
+            "nothing of wvr is as fast"
+            if ours is None
+            else f"{_called(ours)} is as fast and has {ours['mean error']:.1e}"
+        )
+        said.append(f"{peer}'s smallest mean error is {best['mean error']:.1e}, in {best['seconds']:.2g} s; {than}.")
+    return " ".join(said)
 
 
 def _called(row: dict[str, Any]) -> str:
@@ -198,22 +205,32 @@ def _measure(scene: Scene, exact: NDArray[np.floating], quick: bool) -> list[dic
             renderer = scene.renderer(method.make(value), termination=method.termination(value), device="cpu")
             add(method.name, value, lambda key, r=renderer: _frame(images, key, r, scene))  # type: ignore[misc]
     with ExitStack() as stack:
-        for name, scale in VTK.items():
-            if scale > 1 and (quick or scene.volume.dtype != np.uint8):
-                continue
-            vtk = stack.enter_context(VtkCpu(scene, scale, wvr.get_num_threads()))
-            try:
-                for value in VTK_STEPS[QUICK] if quick else VTK_STEPS:
-                    vtk.frame(value)
-                    images[f"{name} {value:g}"] = vtk.image()
-                    add(name, value, lambda key, v=vtk, h=value: lambda: v.frame(h))  # type: ignore[misc]
-            except NotAvailableError as error:
-                print(f"{name} is not available: {error}")
+        for name, peer in _peers(stack, scene, quick).items():
+            for value in PEER_STEPS[QUICK] if quick else PEER_STEPS:
+                peer.frame(value)
+                images[f"{name} {value:g}"] = peer.image()
+                add(name, value, lambda key, p=peer, h=value: lambda: p.frame(h))  # type: ignore[misc]
         times = take_turns(contenders, quick)
     for key, row in rows.items():
         errors = wvr.compare(images[key], exact)
         row |= {"seconds": times[key], "max error": errors.max, "mean error": errors.mean}
     return list(rows.values())
+
+
+def _peers(stack: ExitStack, scene: Scene, quick: bool) -> dict[str, Peer]:
+    """Those that can render a scene here, running as long as ``stack`` is open."""
+    there = {}
+    for name, (start, _, _) in PEERS.items():
+        # On uint8 samples that are spread over uint16 VTK is more accurate.
+        if name == "VTK, uint16" and (quick or scene.volume.dtype != np.uint8):
+            continue
+        peer = stack.enter_context(start(scene, wvr.get_num_threads()))
+        try:
+            peer.frame()
+            there[name] = peer
+        except NotAvailableError as error:
+            print(f"{name} is not available: {error}")
+    return there
 
 
 def take_turns(contenders: Mapping[str, Contender], quick: bool) -> dict[str, float]:
@@ -242,7 +259,7 @@ def _frontier_chart(rows: list[dict[str, Any]], pictures: Mapping[str, NDArray],
         for axes, error in zip(column[1:], ("max error", "mean error"), strict=True):
             axes.sharex(panels[1, 0])
             axes.sharey(panels[list(column).index(axes), 0])
-            _lines(axes, [row for row in rows if row["scene"] == kind], [m.name for m in METHODS] + list(VTK), error)
+            _lines(axes, [row for row in rows if row["scene"] == kind], [m.name for m in METHODS] + list(PEERS), error)
         column[2].set_xlabel("time a frame [s]")
     panels[1, 0].set_ylabel("largest error of a channel in [0, 1]")
     panels[2, 0].set_ylabel("mean error of all channels in [0, 1]")
@@ -252,11 +269,11 @@ def _frontier_chart(rows: list[dict[str, Any]], pictures: Mapping[str, NDArray],
 
 
 # What a reader who chooses wants to see first.
-SHORT = ("Certified", "Preintegrated", "Riemann, midpoint", "VTK")
+SHORT = ("Certified", "Preintegrated", "Riemann, midpoint", "VTK", "OSPRay")
 
 
 def _short_chart(rows: list[dict[str, Any]]) -> Figure:
-    """Mean error over time of uniform sampling, the certified images and VTK, by transfer function."""
+    """Mean error over time of uniform sampling, the certified images and peers, by transfer function."""
     kinds = list(dict.fromkeys(row["scene"] for row in rows))
     figure = Figure(figsize=(9, 3.4))
     panels = figure.subplots(1, len(kinds), sharex=True, sharey=True)
@@ -264,13 +281,13 @@ def _short_chart(rows: list[dict[str, Any]]) -> Figure:
         _lines(axes, [row for row in rows if row["scene"] == kind], SHORT, "mean error")
         axes.set(title=kind, xlabel="time a frame [s]")
     panels[0].set_ylabel("mean error of all channels in [0, 1]")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
     return figure
 
 
 def _lines(axes: Axes, rows: list[dict[str, Any]], methods: Iterable[str], error: str) -> None:
     """The error of some methods over time."""
-    styles = {m.name: (m.color, m.style) for m in METHODS} | {n: (COLORS[6], s) for n, s in VTK_STYLES.items()}
+    styles = {m.name: (m.color, m.style) for m in METHODS} | {name: one[1:] for name, one in PEERS.items()}
     for name in methods:
         points = [(row["seconds"], row[error]) for row in rows if row["method"] == name]
         if points:
@@ -286,6 +303,60 @@ def _plain_seconds(axis: Axis) -> None:
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
+
+
+# --- As accurate as each peer -----------------------------------------------------------------------------------------
+
+PEER_STEP = 1.0  # what both are used with
+
+
+@STUDY.part("Certified, as accurate as each peer")
+def peers(folder: Path, quick: bool) -> str:
+    """Each peer with a sample a voxel, and the certified image that is asked for the largest error the peer has."""
+    rows: list[dict[str, Any]] = []
+    for name in ("bonsai",) if quick else ("bonsai", "bluntfin", "aneurism"):
+        scenes = make_scenes(name, views.load(name, quick), (64, 64) if quick else (512, 512))
+        for kind, scene in scenes.items():
+            rows += ({"scene": f"{name} {kind}"} | row for row in _against_peers(scene, quick))
+    title = f"512 x 512 pixels, {wvr.get_num_threads()} threads, a sample a voxel"
+    write_rows(folder, "peers", title, rows)
+    if not rows:
+        return "No peer can render here."
+    slower = [row for row in rows if row["times"] < 1]
+    said = [f"{len(rows) - len(slower)} of {len(rows)} certified images are there before the peer's."]
+    for peer in dict.fromkeys(row["peer"] for row in rows):
+        times = [row["times"] for row in rows if row["peer"] == peer]
+        said.append(
+            f"{peer} takes {min(times):.2g} to {max(times):.2g} times as long, {median(times):.2g} in the median."
+        )
+    return " ".join(said)
+
+
+def _against_peers(scene: Scene, quick: bool) -> list[dict[str, Any]]:
+    exact = scene.render(wvr.Exact(), device="cpu").rgba
+    rows = []
+    with ExitStack() as stack:
+        for name, peer in _peers(stack, scene, quick).items():
+            peer.frame(PEER_STEP)
+            error = wvr.compare(peer.image(), exact)
+            images: dict[str, NDArray] = {}
+            renderer = scene.renderer(wvr.Certified(error.max), device="cpu")
+            ours = _frame(images, "ours", renderer, scene)
+            times = take_turns({"theirs": partial(peer.frame, PEER_STEP), "ours": ours}, quick)
+            left = wvr.compare(images["ours"], exact)
+            rows.append(
+                {
+                    "peer": name,
+                    "peer s": times["theirs"],
+                    "peer max error": error.max,
+                    "peer mean error": error.mean,
+                    "certified s": times["ours"],
+                    "certified max error": left.max,
+                    "certified mean error": left.mean,
+                    "times": times["theirs"] / times["ours"],
+                }
+            )
+    return rows
 
 
 # --- Time against size ------------------------------------------------------------------------------------------------

@@ -41,7 +41,7 @@ def table1(folder: Path, quick: bool) -> str:
     findings = []
     for device in (get_device("cpu"), *wp.get_cuda_devices()):
         hoisted = make_hoisted()
-        rows = [_table1_row(n, device, hoisted, n <= brute_up_to) for n in sizes]
+        rows = [table1_row(n, device, hoisted, n <= brute_up_to) for n in sizes]
         name = f"table1-{device.alias.replace(':', '')}"
         write_rows(folder, name, f"Lum et al. 2004, Table 1, on {device.name}, {wvr.get_num_threads()} threads", rows)
         save_figure(_speed_chart(rows), folder / name)
@@ -54,7 +54,8 @@ def table1(folder: Path, quick: bool) -> str:
     return " ".join(findings)
 
 
-def _table1_row(n: int, device: wp.Device, hoisted: Any, with_brute: bool) -> dict:
+def table1_row(n: int, device: wp.Device, hoisted: Any, with_brute: bool) -> dict:
+    """Of tables with n x n entries, built on a device."""
     cut = Cut(random_transfer_function(), n, (0, 255), 1.0)
     colors = cut.colors(None)
 

@@ -12,7 +12,7 @@ from benchmarks import __main__ as command
 from benchmarks import certified, numpy_marcher, peers, scenes
 from studies.base import harness, reference
 from studies.base.harness import Row, Settings, Time
-from studies.base.vtk_cpu import NotAvailableError
+from studies.base.peer import NotAvailableError
 
 from .helpers import max_error
 

@@ -156,6 +156,10 @@ def test_pick():
     nearer, farther = image.pick(10, 8, 0.1), image.pick(10, 8, 0.9)
     distances = [np.linalg.norm(one.position - camera.position) for one in (nearer, picked, farther)]
     assert distances == sorted(distances)
+    # What is found of one image is kept for the next.
+    renderer = wvr.Renderer(volume, tf, device="cpu")
+    again = [renderer.render(camera, (20, 16)).pick(10, 8).value for _ in range(2)]
+    assert again == [picked.value] * 2 and set(renderer._keepers["cpu"].beside().builds.values()) == {1}
     nothing = image.pick(0, 0)
     assert nothing.opacity == 0 and np.isnan(nothing.value) and np.all(np.isnan(nothing.position))
 

@@ -24,7 +24,7 @@ def advise(scene: Scene, image: Image) -> None:
     low, high = scene.volume.range
     data = f"the volume's scalars {f'go from {low:g} to {high:g}' if low < high else f'are all {low:g}'}"
     shown = [span for span in map(shown_by, scene.functions) if span is not None]
-    most = float(image.rgba[..., 3].max())
+    most = image.most_opaque
     if most <= FAINT:
         begin, end = min((a for a, _ in shown), default=0.0), max((b for _, b in shown), default=0.0)
         opaque = f"the transfer function has opacity from {begin:g} to {end:g}" if shown else "it has no opacity at all"

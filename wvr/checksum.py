@@ -22,16 +22,26 @@ def checksum(data: Any) -> bytes:
         sums = np.add.reduce(words[: rows * number].reshape(rows, number), axis=0)
         return sums.tobytes() + words[rows * number :].tobytes() + content[content.size // 8 * 8 :].tobytes()
     words = wp.array(ptr=data.ptr, dtype=wp.uint64, shape=data.capacity // 8, device=data.device)
-    sums = wp.empty(number, dtype=wp.uint64, device=data.device)
-    wp.launch(_sum, number, [words, sums], device=data.device)
     rest = wp.array(ptr=data.ptr + words.size * 8, dtype=wp.uint8, shape=data.capacity % 8, device=data.device)
-    return sums.numpy().tobytes() + rest.numpy().tobytes()
+    sums = wp.empty(number + 1, dtype=wp.uint64, device=data.device)
+    wp.launch(_sum, number + 1, [words, rest, sums], device=data.device)
+    return sums.numpy().tobytes()
 
 
 @wp.kernel(enable_backward=False)
-def _sum(words: wp.array(dtype=wp.uint64), sums: wp.array(dtype=wp.uint64)):  # type: ignore[valid-type]
+def _sum(
+    words: wp.array(dtype=wp.uint64),  # type: ignore[valid-type]
+    rest: wp.array(dtype=wp.uint8),  # type: ignore[valid-type]
+    sums: wp.array(dtype=wp.uint64),  # type: ignore[valid-type]
+):
+    """The last item has the bytes that are no word, so that all comes with one copy."""
     n = wp.tid()
+    many = sums.shape[0]
     total = wp.uint64(0)
-    for i in range(n, words.shape[0], sums.shape[0]):  # type: ignore[arg-type]
-        total += words[i]
+    if n + 1 < many:  # type: ignore[operator]
+        for i in range(n, words.shape[0], many - 1):  # type: ignore[arg-type]
+            total += words[i]
+    else:
+        for j in range(rest.shape[0]):
+            total = total * wp.uint64(256) + wp.uint64(rest[j])
     sums[n] = total

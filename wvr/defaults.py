@@ -91,7 +91,7 @@ class Call(NamedTuple):
         if self.segmentation is not None:
             shown = self.segmentation.for_volume(volume)
         camera = camera_of(self.camera, seen, shown, size[0] / size[1], clip_list(self.clip))
-        surfaces = has_surfaces(method, chosen) and not volume.stored
+        surfaces = has_surfaces(method, chosen) and (not volume.stored or has_surfaces(method, None))
         lighting = lighting_of(self.lighting, surfaces, camera)
         plain = self.transfer_function is None and domain_of(method, seen) is not None
         suggested = chosen is not None or plain

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .camera import Camera
+from .clock import Clock
 from .cuts.labels import label_struct
 from .cuts.volumes import clip_dtype, clip_kinds, clipping_struct
 from .display import Shown
@@ -29,6 +29,7 @@ from .launch import launch, launch_pixels
 from .light.sweep import AHEAD, Sweeping, shade
 from .memory import free_memory, gib
 from .probe import Prober, make_prober, probe, tightest
+from .resident import Resident, buffer, fetched, settled, stays
 from .scene import Scene
 from .transfer.function import struct_of
 from .validation import float_array
@@ -67,85 +68,108 @@ class Frame:
 
     def render(self) -> Image:
         """The image."""
-        start = perf_counter()
+        clock = Clock(self.device)
         scene, integrator = self.scene, self.scene.integrator
         self._check_memory()
         if integrator.probes:
-            return self._probed(start)
+            return self._probed(clock)
         shown = integrator.shown(scene)
         stats: dict[str, Any]
         if scene.shadows is not None and scene.shadows.alone:
             rgba = wp.empty((self.height, self.width), dtype=vec4_of(REALS[shown]), device=self.device)
             shaded = shade(self, rgba, shown)
-            stats = shaded.stats | {"seconds": shaded.stats["seconds_shadows"], "integrator": repr(scene.shadows)}
-            stats["bytes"] = scene.volume.nbytes + rgba.capacity + shaded.samples.nbytes + AHEAD
-            return self._image(rgba, shaded.samples, shown, stats)
+            pixels, counts = self._fetched(rgba, shown, shaded.samples)
+            clock.mark()
+            (seconds,) = clock.seconds()
+            stats = shaded.said(counts, seconds) | {"seconds": seconds, "integrator": repr(scene.shadows)}
+            stats["bytes"] = scene.volume.nbytes + rgba.capacity + counts.nbytes + AHEAD
+            return self._image(pixels, counts, stats)
         precision = integrator.precision(scene)
         halves = self.halves(REALS[precision], integrator.half(scene))
         struct, seen = self.struct(halves)
-        rgba = wp.empty((self.height, self.width), dtype=vec4_of(halves.real), device=self.device)
-        samples = wp.empty((self.height, self.width), dtype=int, device=self.device)
-        shape = (self.height, self.width) if halves.march.bounded else (1, 1)
-        bounds = wp.zeros(shape, dtype=wp.float32, device=self.device)
-        wp.synchronize_device(self.device)
-        prepared = perf_counter()
+        size = (self.height, self.width)
+        vec4 = vec4_of(halves.real)
+        if vec4 is vec4_of(REALS[shown]):
+            rgba = wp.empty(size, dtype=vec4, device=self.device)
+        else:
+            rgba = buffer(self.keep, "rgba", size, vec4)
+        samples = buffer(self.keep, "samples", size, wp.int32)
+        bounds = buffer(self.keep, "bounds", size if halves.march.bounded else (1, 1), wp.float32)
+        clock.mark()
         self.launch(halves, struct, rgba, samples, bounds)
-        end = perf_counter()
+        clock.mark()
+        read = [samples, bounds]
+        if scene.shadows is not None:
+            shaded = shade(self, rgba, shown)
+            read.append(shaded.samples)
+            clock.mark()
+        pixels, counts, limits, *more = self._fetched(rgba, shown, *read)
+        stages = clock.seconds()
         stats = {
-            "seconds": end - start,
-            "seconds_prepare": prepared - start,
-            "seconds_raycast": end - prepared,
+            "seconds": sum(stages),
+            "seconds_prepare": stages[0],
+            "seconds_raycast": stages[1],
             "skipped": seen.skipped,
             "bytes": scene.volume.nbytes + rgba.capacity + samples.capacity,
             "integrator": repr(integrator),
         }
         if scene.shadows is not None:
-            stats |= shade(self, rgba, shown).stats
-            stats["seconds"] += stats["seconds_shadows"]
+            stats |= shaded.said(more[0], stages[2])
             stats["bytes"] += AHEAD
         if halves.march.bounded:
-            self.error_bound = bounds.numpy()
-        counts = samples.numpy()
+            self.error_bound = limits
         tracer = self._tracer(counts) if integrator.traces else None
-        return self._image(rgba, counts, shown, stats | integrator.report(self), tracer)
+        return self._image(pixels, counts, stats | integrator.report(self), tracer)
 
-    def _probed(self, start: float) -> Image:
+    def _probed(self, clock: Clock) -> Image:
         """The image of an integrator that probes."""
         scene, integrator = self.scene, self.scene.integrator
-        found = probe(self)
-        end = perf_counter()
+        found = probe(self, clock)
+        pixels, counts, bounds, values = self._fetched(
+            found.rgba, integrator.shown(scene), found.samples, found.bounds, found.values
+        )
+        prepared, cast = clock.seconds()
         stats = {
-            "seconds": end - start,
-            "seconds_prepare": found.prepared - start,
-            "seconds_raycast": end - found.prepared,
+            "seconds": prepared + cast,
+            "seconds_prepare": prepared,
+            "seconds_raycast": cast,
             "skipped": found.skipped,
             "bytes": scene.volume.nbytes + found.rgba.capacity + found.samples.capacity + 3 * found.values.capacity,
             "integrator": repr(integrator),
         }
-        bounds = found.bounds.numpy()
         self.error_bound = bounds if integrator.valued else tightest(bounds)
-        image = self._image(found.rgba, found.samples.numpy(), integrator.shown(scene), stats | integrator.report(self))
-        image.values = found.values.numpy() if integrator.valued else None
+        image = self._image(pixels, counts, stats | integrator.report(self))
+        image.values = values if integrator.valued else None
         return image
 
     def launch(self, halves: Halves, struct: Any, rgba: wp.array, samples: wp.array, bounds: wp.array) -> None:
-        """Cast the rays of all pixels, and wait for them."""
+        """Cast the rays of all pixels; a CPU is done then."""
         inputs = [struct, rgba, samples, bounds, 0]
         for part in halves.launches:
             launch_pixels(make_raycast(part), inputs, self.device, struct.view, part.rays, part.scratch)
-        wp.synchronize_device(self.device)
+
+    def _fetched(self, rgba: wp.array, shown: str, *arrays: wp.array) -> list[Any]:
+        """Pixels as ``shown``, on their device where they stay there, and arrays on the host: after one wait."""
+        if not stays(self.device):
+            return [rgba.numpy().astype(shown, copy=False), *fetched(self.keep, *arrays)]
+        pixels, opaquest = settled(self.keep, rgba, vec4_of(REALS[shown]))
+        most, *found = fetched(self.keep, opaquest, *arrays)
+        return [Resident(pixels, float(most[0])), *found]
 
     def _image(
         self,
-        rgba: wp.array,
+        pixels: NDArray[np.floating] | Resident,
         samples: NDArray[np.int32],
-        shown: str,
         stats: dict[str, Any],
         tracer: Tracer | None = None,
     ) -> Image:
         size = (self.width, self.height)
-        prober = make_prober(self, lambda scene, keep: Frame(scene, self.camera, size, keep, self.ends))
-        return image_of(self, rgba.numpy().astype(shown, copy=False), samples, stats, tracer, prober)
+
+        def again(scene: Scene, keep: Keeper, pixel: tuple[int, int] | None) -> list[NDArray]:
+            found = probe(Frame(scene, self.camera, size, keep, self.ends), pixel=pixel)
+            return fetched(keep, found.values, found.depths)
+
+        return image_of(self, pixels, samples, stats, tracer, make_prober(self, again))
 
     def halves(self, real: type, march: Any) -> Halves:
         """What a kernel with a ``march`` in a precision is made of."""
@@ -244,7 +268,7 @@ class Frame:
 
 def image_of(
     frame: Any,
-    rgba: NDArray[np.floating],
+    rgba: NDArray[np.floating] | Resident,
     samples: NDArray[np.int32],
     stats: dict[str, Any],
     tracer: Tracer | None = None,
@@ -256,7 +280,7 @@ def image_of(
         "rays": samples.size,
         "samples": int(samples.sum(dtype=np.int64)),
         "device": frame.keep.device.name,
-        "precision": rgba.dtype.name,
+        "precision": frame.scene.integrator.shown(frame.scene),
     }
     limits, anatomical = given.volume.range, getattr(given.volume, "anatomical", "")
     scenery = Shown(frame.camera, given.volume.corners, limits, given.transfer_function, anatomical)

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from io import BytesIO
 from operator import index
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeAlias
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
 from .color import is_clear, linear_rgb, linear_to_srgb, srgb_to_linear
 from .display import Shown, plot
 from .files import known_suffix, whole_file
+from .resident import Resident
 from .validation import any_array, at_most, path_of, share
 
 if TYPE_CHECKING:
@@ -79,7 +82,7 @@ class Image:
 
     def __init__(
         self,
-        rgba: NDArray[np.floating],
+        rgba: NDArray[np.floating] | Resident,
         samples: NDArray[np.int32],
         error_bound: NDArray[np.floating] | None = None,
         stats: dict[str, Any] | None = None,
@@ -89,17 +92,22 @@ class Image:
         values: NDArray[np.float64] | None = None,
         prober: Prober | None = None,
     ):
+        self._resident = rgba if isinstance(rgba, Resident) else None
         for name, given in (("rgba", rgba), ("samples", samples), ("error_bound", error_bound)):
-            if not isinstance(given, np.ndarray) and not (given is None and name == "error_bound"):
+            if not isinstance(given, np.ndarray | Resident) and not (given is None and name == "error_bound"):
                 raise TypeError(f"{name} must be a NumPy array, got {type(given).__name__}")
-        if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.dtype not in (np.float32, np.float64):
+        if isinstance(rgba, Resident):
+            height, width = rgba.array.shape
+        elif rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.dtype not in (np.float32, np.float64):
             raise ValueError(f"rgba must be float32 or float64 (height, width, 4), got {rgba.dtype} {rgba.shape}")
+        else:
+            height, width = rgba.shape[:2]
+            self.rgba = rgba
         for name, array in (("samples", samples), ("error_bound", error_bound)):
-            if array is not None and array.shape != rgba.shape[:2]:
-                raise ValueError(f"{name} must have the shape {rgba.shape[:2]} of rgba, got {array.shape}")
+            if array is not None and array.shape != (height, width):
+                raise ValueError(f"{name} must have the shape {(height, width)} of rgba, got {array.shape}")
         if not is_clear(background):
             linear_rgb(background, "background")  # type: ignore[arg-type]
-        self.rgba = rgba
         self.samples = samples
         self.error_bound = error_bound
         self.stats = {} if stats is None else stats
@@ -112,8 +120,35 @@ class Image:
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) in pixels."""
-        height, width = self.rgba.shape[:2]
+        height, width = self.samples.shape
         return width, height
+
+    @cached_property
+    def rgba(self) -> NDArray[np.floating]:
+        """Linear RGBA, premultiplied, without background: float32 or float64, (height, width, 4), row 0 at the top.
+
+        What a GPU rendered is brought from it when it is asked for.
+        """
+        assert self._resident is not None
+        return self._resident.array.numpy()
+
+    @property
+    def device_rgba(self) -> wp.array:
+        """``rgba`` where it was rendered: a Warp array (height, width) of vec4f or vec4d, to read.
+
+        Kernels of Warp take it as it is, and by ``torch.from_dlpack``, ``jax.dlpack.from_dlpack`` or
+        ``cupy.from_dlpack`` it is an array (height, width, 4) that has the same memory: nothing leaves the device. All
+        has been written.
+        """
+        if self._resident is not None:
+            return self._resident.array
+        vec4 = wp.vec4f if self.rgba.dtype == np.float32 else wp.vec4d
+        return wp.array(np.ascontiguousarray(self.rgba), dtype=vec4, device="cpu", copy=False)
+
+    @property
+    def most_opaque(self) -> float:
+        """The largest opacity of a pixel."""
+        return float(self.rgba[..., 3].max()) if self._resident is None else self._resident.most
 
     @property
     def max_error(self) -> float:
@@ -212,7 +247,7 @@ class Image:
 
     def _probing(self, what: str) -> Prober:
         if self._prober is None:
-            raise ValueError(f"{what} needs an image that wvr.render made of a volume in memory, and not in bricks")
+            raise ValueError(f"{what} needs an image that wvr.render made")
         return self._prober
 
     def _pixel(self, x: int, y: int) -> tuple[int, int]:

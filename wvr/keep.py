@@ -12,6 +12,8 @@ from typing import Any, ClassVar
 
 import warp as wp
 
+from .launch import Lock
+
 # Bytes of parts that the last frame did not ask for.
 SPARE = 1 << 30
 
@@ -33,10 +35,14 @@ class Keeper:
     ----------
     builds
         How often parts of a name were built.
+    lock
+        For threads that share it.
     """
 
     def __init__(self, device: wp.Device):
         self.device = device
+        self.lock = Lock()
+        self._beside: Keeper | None = None
         self.builds: Counter[str] = Counter()
         self._kept: dict[Part, Any] = {}  # those asked for last come last
         self._asked: dict[Part, Any] = {}
@@ -64,6 +70,12 @@ class Keeper:
         self._ask(part)
         return self._kept[part]
 
+    def beside(self) -> Keeper:
+        """Another, always the same, for what is asked of images: the parts here may be another scene's by then."""
+        if self._beside is None:
+            self._beside = Keeper(self.device)
+        return self._beside
+
     def _ask(self, part: Part) -> None:
         """What a part was built from stays with it: what is built next may need that too."""
         if part in self._kept and part not in self._asked:
@@ -85,11 +97,15 @@ class Keeper:
         self._arrays.setdefault(self._building[-1], []).append(array)
         return array
 
-    def scratch(self, name: str, shape: tuple[int, ...], dtype: Any) -> wp.array:
-        """An array that frames leave to one another, for what does not outlast a frame."""
+    def scratch(self, name: str, shape: tuple[int, ...], dtype: Any, host: bool = False) -> wp.array:
+        """An array that frames leave to one another, for what does not outlast a frame; on the ``host`` page-locked
+        memory that the device copies to.
+        """
         array = self._scratch.get(name)
         if array is None or array.shape != tuple(shape) or array.dtype is not dtype:
-            self._scratch[name] = array = wp.empty(shape, dtype=dtype, device=self.device)
+            where = wp.get_device("cpu") if host else self.device
+            pinned = host and self.device.is_cuda
+            self._scratch[name] = array = wp.empty(shape, dtype=dtype, device=where, pinned=pinned)
         return array
 
     def end_of_frame(self) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ from .kernels.ray import item
 from .launch import launch, launch_pixels
 
 if TYPE_CHECKING:
+    from .clock import Clock
     from .frame import Frame
     from .scene import Scene
 
@@ -33,35 +33,36 @@ class Probed(NamedTuple):
     bounds: wp.array
     values: wp.array
     depths: wp.array
-    prepared: float  # when rays began [seconds of ``perf_counter``]
     skipped: float  # share of blocks
 
 
-def probe(frame: Frame, pixel: tuple[int, int] | None = None) -> Probed:
-    """What an integrator that probes finds in all pixels, or in one."""
+def probe(frame: Frame, clock: Clock | None = None, pixel: tuple[int, int] | None = None) -> Probed:
+    """What an integrator that probes finds in all pixels, or in one; a clock is told when rays begin and end."""
     halves = frame.halves(wp.float64, frame.scene.integrator.half(frame.scene))
     struct, seen = frame.struct(halves)
     shape, device = (frame.height, frame.width), frame.device
     rgba = wp.empty(shape, dtype=wp.vec4d, device=device)
     samples = wp.empty(shape, dtype=int, device=device)
     numbers = [wp.empty(shape, dtype=wp.float64, device=device) for _ in range(3)]
-    wp.synchronize_device(device)
-    prepared = perf_counter()
+    if clock is not None:
+        clock.mark()
     kernel, inputs = make_probing(halves), [struct, rgba, samples, *numbers]
     if pixel is None:
         launch_pixels(kernel, inputs, device, struct.view)
     else:
         launch(kernel, 1, inputs, device, first=item(frame.width, *pixel))
-    wp.synchronize_device(device)
+    if clock is not None:
+        clock.mark()
     bounds, values, depths = numbers
-    return Probed(rgba, samples, bounds, values, depths, prepared, seen.skipped)
+    return Probed(rgba, samples, bounds, values, depths, seen.skipped)
 
 
-def make_prober(frame: Frame, again: Callable[[Scene, Keeper], Frame]) -> Prober:
-    """Finds where rays have an opacity, in frames of another scene that are made ``again``."""
+def make_prober(frame: Any, again: Callable[[Scene, Keeper, tuple[int, int] | None], list[Floats]]) -> Prober:
+    """Finds where rays have an opacity: what those of another scene find, in all pixels or in one, when asked
+    ``again``.
+    """
     scene = frame.scene
-    # Parts of its own: those of the renderer may be another scene's by then.
-    keep = Keeper(frame.device)
+    keep = frame.keep.beside()
     volumes = frame.given.volumes()
     versions = [volume.version for volume in volumes]
     clips = tuple(clip.exact() for clip in scene.clips)
@@ -74,10 +75,13 @@ def make_prober(frame: Frame, again: Callable[[Scene, Keeper], Frame]) -> Prober
         integrator = scene.integrator.reaching(opacity)
         sought = replace(frame.given, integrator=integrator, lighting=None, shadows=None, clips=clips)
         sought.check(frame.camera)
-        found = probe(again(sought, keep), pixel)
-        keep.end_of_frame()
+        with keep.lock.held():
+            try:
+                values, depths = again(sought, keep, pixel)
+            finally:
+                keep.end_of_frame()
         at: Any = slice(None) if pixel is None else (pixel[1], pixel[0])
-        return found.values.numpy()[at], found.depths.numpy()[at]
+        return values[at], depths[at]
 
     return prober
 

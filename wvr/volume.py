@@ -22,7 +22,7 @@ from .checksum import checksum
 from .copied import Copied, has_memory
 from .field.base import Field
 from .field.blocks import Ranges
-from .field.samples import Data, samples_struct
+from .field.samples import Data, extremes, samples_struct
 from .keep import Keeper
 from .kernels.field.grid import Grid
 from .launch import get_device
@@ -111,10 +111,12 @@ class Volume(Field):
 
     def _check_finite(self) -> None:
         if self.nan == "error" and self.has_nonfinite:
-            values = self.host()
-            count = int(values.size - np.count_nonzero(np.isfinite(values)))
+            if isinstance(self._data, np.ndarray):
+                count = int(self._data.size - np.count_nonzero(np.isfinite(self._data)))
+            else:
+                count = self._extremes[2]
             raise ValueError(
-                f"array has {count} NaN or infinite samples of {values.size}; clean it, or pass "
+                f"array has {count} NaN or infinite samples of {self._data.size}; clean it, or pass "
                 f'nan="transparent" to render the cells that touch one as nothing'
             )
 
@@ -140,22 +142,32 @@ class Volume(Field):
     @cached_property
     def has_nonfinite(self) -> bool:
         """Whether any sample is NaN or infinite."""
-        # A sum is finite exactly if all terms are, but for overflow; then look at each.
-        values = self.host()
-        if values.dtype.kind != "f":
+        if self.dtype.kind != "f":
             return False
+        if not isinstance(self._data, np.ndarray):
+            return self._extremes[2] > 0
+        # A sum is finite exactly if all terms are, but for overflow; then look at each.
+        values = self._data
         with np.errstate(over="ignore", invalid="ignore"):
             return not np.isfinite(values.sum(dtype=np.float64)) and not bool(np.all(np.isfinite(values)))
 
     @cached_property
     def range(self) -> tuple[float, float]:
         """Smallest and largest finite sample; (0, 0) if there is none."""
-        values = self.host()
+        if not isinstance(self._data, np.ndarray):
+            low, high, _ = self._extremes
+            return (low, high) if low <= high else (0.0, 0.0)
+        values = self._data
         if self.has_nonfinite:
             values = values[np.isfinite(values)]
             if values.size == 0:
                 return 0.0, 0.0
         return float(values.min()), float(values.max())
+
+    @cached_property
+    def _extremes(self) -> tuple[float, float, int]:
+        """Of samples on another device, without bringing them."""
+        return extremes(self._data)
 
     def numpy(self) -> NDArray:
         """The samples as a NumPy array (z, y, x): the array itself on the CPU, a copy from another device."""
@@ -247,7 +259,7 @@ class Volume(Field):
         self._checksum = None
         self._device_arrays.clear()
         self._scaled.clear()
-        for derived in ("has_nonfinite", "range", "_host_copy"):
+        for derived in ("has_nonfinite", "range", "_extremes", "_host_copy"):
             vars(self).pop(derived, None)
         self._check_finite()
 
@@ -290,7 +302,12 @@ class Volume(Field):
         return int(np.prod(self.shape)) * self.dtype.itemsize
 
     def missing_on(self, device: wp.Device) -> int:
-        return 0 if device.is_cpu or device.alias in self._device_arrays else self.nbytes
+        there = device.is_cpu or device.alias in self._device_arrays
+        # Samples that were given on a device are taken as they are, but where an axis has one.
+        there = there or (
+            not isinstance(self._data, np.ndarray) and self._data.device == device and 1 not in self.shape
+        )
+        return 0 if there else self.nbytes
 
     def region(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> NDArray:
         """A copy of the samples from ``low`` to ``high``, both included, along x, y, z."""

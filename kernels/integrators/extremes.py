@@ -101,7 +101,7 @@ def make_probe(halves):
         if found.hint >= start and found.hint <= end:
             # Much the same as what there is beside.
             s = sign * value(scene.field, origin + found.hint * direction)
-            if s > found.value:
+            if s > found.value and (wp.static(finite) or wp.isfinite(s)):
                 found.value = s
                 found.place = found.hint
                 found.held = found.state

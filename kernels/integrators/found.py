@@ -6,6 +6,16 @@ from ..ray import FAR
 
 
 @wp.struct
+class Side:
+    """Of a ray among isosurfaces, what goes on from cell to cell."""
+
+    above: int  # so many levels
+    until: wp.float64  # where the cell before ended; -FAR if there was none
+    near: int  # so many levels are so near to where it ended that rounding decides
+    way: int  # and 1 if it surely rose there, -1 if it fell, 0 if neither is sure
+
+
+@wp.struct
 class Found:
     """Lengths in units of the smallest voxel spacing from where the ray enters the box."""
 
@@ -20,6 +30,9 @@ class Found:
     count: int  # what it cost
     state: int  # of labels, that of the stretch
     held: int  # and that of the value
+    side: Side
+    done: int  # 1 if nothing more is asked for
+    ends: int  # of a ray in bricks, which of ``kernels.bricks.probe`` is done
 
 
 @wp.func
@@ -30,4 +43,5 @@ def nothing():
     found.place = -FAR
     found.hint = -FAR
     found.clear = wp.float64(1.0)
+    found.side.until = -FAR
     return found

@@ -16,12 +16,14 @@ from ..light.points import make_shading
 from ..ray import FAR
 from ..segment import over
 from ..transfer.function import make_transfer
-from .found import Found
+from .found import Found, Side
 
 # Of a crossing's colour, and of its composition, by rounding.
 ULPS = 2.0**-48
 # Of a ray that is farther astray than cells are looked at for nothing is known [index coordinates].
 ASTRAY = 2.0**-36
+# Bricks that are left out have no sample so near to a level, in parts of the range of samples.
+NEAR = 2.0**-20
 
 
 @wp.struct
@@ -56,15 +58,8 @@ class Half:
     def border(self, halves):
         return make_border(halves)
 
-
-@wp.struct
-class Side:
-    """Of a ray, what goes on from cell to cell."""
-
-    above: int  # so many levels
-    until: wp.float64  # where the cell before ended; -FAR if there was none
-    near: int  # so many levels are so near to where it ended that rounding decides
-    way: int  # and 1 if it surely rose there, -1 if it fell, 0 if neither is sure
+    def unseen(self, halves):
+        return make_unseen(halves)
 
 
 @wp.func
@@ -124,6 +119,11 @@ def make_border(halves):
 
     @wp.func
     def border(scene: Scene, p: wp.vec3d, direction: wp.vec3d, loose: wp.float64, found: Found):
+        if found.side.near > 0:
+            # Nobody goes on from there.
+            found = unsure(scene, found.side.near, found)
+        found.side = Side()
+        found.side.until = -FAR
         slope = scene.march.range * (wp.abs(direction[0]) + wp.abs(direction[1]) + wp.abs(direction[2]))
         s = value(scene.field, p)
         n = levels_near(scene.march.level, s, rounding(scene) + slope * loose)
@@ -132,6 +132,27 @@ def make_border(halves):
         return found
 
     return border
+
+
+@cache
+def make_unseen(halves):
+    """``unseen`` of ``kernels.bricks.probe``: a ray may only reach a level in a brick that is left out (``NEAR``) along
+    what is long.
+    """
+    Scene = halves.Scene
+    _, unsure = make_rounding(halves)
+
+    @wp.func
+    def unseen(scene: Scene, direction: wp.vec3d, loose: wp.float64, found: Found):
+        n = found.side.near
+        steep = wp.abs(direction[0]) + wp.abs(direction[1]) + wp.abs(direction[2])
+        if steep * loose > wp.float64(NEAR):
+            n += scene.march.level.shape[0]
+        if n > 0:
+            found = unsure(scene, n, found)
+        return found
+
+    return unseen
 
 
 @cache
@@ -245,8 +266,7 @@ def make_probe(halves):
     @wp.func
     def probe(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, start: wp.float64, stop: wp.float64, given: Found):
         found = given
-        side = Side()
-        side.until = -FAR
+        side = found.side
         w = enter(scene.field.last, origin, direction, start)
         end = wp.min(stop, w.out)
         # On to where it is sure what there was.
@@ -257,8 +277,9 @@ def make_probe(halves):
                     cell = wp.vec3i(cells.cell[0, l], cells.cell[1, l], cells.cell[2, l])
                     span = wp.vec2d(cells.start[l], cells.start[l] + cells.length[l])
                     side, found = through(scene, origin, direction, cell, span, side, found)
-        if side.near > 0:
-            found = unsure(scene, side.near, found)
+        found.side = side
+        if not goes_on(scene, found) and side.near == 0:
+            found.done = 1
         if found.rgba[3] > scene.opaque:
             found.bound += (real(1.0) - found.rgba[3]) * scene.march.brightest
         return found

@@ -98,6 +98,7 @@ def make_probe(halves):
                         found.place = cells.start[l] + length
                         found.value = value(scene.field, origin + found.place * direction)
                         found.length = found.place
+                        found.done = 1
                     found.rgba = ray
         return found
 

@@ -89,6 +89,9 @@ def make_probe(halves):
         found.value += total
         found.length += length
         found.count += count
+        if wp.static(halves.brick):
+            # What is beyond a brick may be absent.
+            holes += 2
         if not wp.static(finite):
             # Where a cell ends that is absent, or begins.
             steepest = real(1.0)

@@ -25,6 +25,7 @@ import wvr
 import wvr.frame
 import wvr.launch
 import wvr.probe
+from wvr.datasets.fields import blobs
 from wvr.integrators import Integrator
 from wvr.kernels.field.strides import make_octants
 from wvr.light.lighting import MODES
@@ -49,27 +50,36 @@ INTEGRATORS: dict[str, Integrator] = {
     "adaptive preintegrated": wvr.AdaptivePreintegrated(1e-3),
 }
 DTYPES = ("uint8", "int16", "float32", "float64", "float16", "uint16", "int8")
+# The scene whose image is asked for its depth, too.
+DEPTH = "depth"
 
 
-def volume(dtype: str = "uint8", **options: Any) -> wvr.Volume:
-    return wvr.Volume(np.linspace(0, 100, 6**3).reshape(6, 6, 6).astype(dtype), **options)
+def scenes(side: int = 6, pixels: int = 16) -> dict[str, partial[wvr.Image]]:
+    """By name, calls that between them ask for a kernel of every kind: images of ``pixels`` x ``pixels``, of volumes
+    with ``side`` samples along an axis; they take more keywords of :func:`wvr.render`.
+    """
 
+    def volume(dtype: str = "uint8", absent: bool = False) -> wvr.Volume:
+        samples = (blobs(side) // 2).astype(dtype)  # what int8 holds
+        if absent:
+            samples[0, 0, 0] = np.nan
+        return wvr.Volume(samples, nan="transparent" if absent else "error")
 
-def scenes() -> dict[str, Callable[[], Any]]:
-    """By name, calls that between them ask for a kernel of every kind."""
-    box, ball = wvr.ClipBox((1, 1, 1), (4, 4, 4)), wvr.ClipSphere((2, 2, 2), 2.0, invert=True)
+    last = side - 1
+    box = wvr.ClipBox((0.2 * last,) * 3, (0.8 * last,) * 3)
+    ball = wvr.ClipSphere((0.4 * last,) * 3, 0.4 * last, invert=True)
     solid = wvr.ClipVolume(volume("float32"), 50.0)
-    labels = wvr.Segmentation((volume().numpy() > 50).astype(np.uint8), {0: TF, 1: TF})
+    labels = wvr.Segmentation((volume().numpy() > 50).astype(np.uint8), {0: TF, 1: SMOOTH})
     extras: dict[str, dict[str, Any]] = {
         "": {},
         "lit": {"lighting": wvr.Lighting()},
         "cut": {"clip": [box, ball]},
         "float64": {"precision": "float64"},
     }
-    calls: dict[str, Callable[[], Any]] = {}
+    calls: dict[str, partial[wvr.Image]] = {}
 
     def add(name: str, field: wvr.Volume, tf: Any = TF, **options: Any) -> None:
-        calls[name] = partial(wvr.render, field, tf, "iso", (16, 16), **({"lighting": False} | options))
+        calls[name] = partial(wvr.render, field, tf, "iso", (pixels, pixels), **({"lighting": False} | options))
 
     for n, ((name, integrator), extra) in enumerate(product(INTEGRATORS.items(), extras)):
         add(f"{name} {extra}".strip(), volume(DTYPES[n % 3]), integrator=integrator, **extras[extra])
@@ -77,10 +87,10 @@ def scenes() -> dict[str, Callable[[], Any]]:
         options: dict[str, Any] = {"integrator": INTEGRATORS[name]}
         add(f"{name} labels", volume(), None, segmentation=labels, **options)
         add(f"{name} clip volume", volume(), clip=solid, **options)
-        add(f"{name} absent", volume("float32", nan="transparent"), **options)
+        add(f"{name} absent", volume("float32", absent=True), **options)
     for name in ("", "cut"):
         add(f"certified smooth {name}".strip(), volume(), SMOOTH, integrator=INTEGRATORS["certified"], **extras[name])
-    add("certified smooth absent", volume("float32", nan="transparent"), SMOOTH, integrator=INTEGRATORS["certified"])
+    add("certified smooth absent", volume("float32", absent=True), SMOOTH, integrator=INTEGRATORS["certified"])
     add("certified smooth float64", volume("float64"), SMOOTH, integrator=INTEGRATORS["certified"])
     for dtype in DTYPES:
         add(f"riemann {dtype}", volume(dtype), integrator=wvr.Riemann(0.5))
@@ -88,12 +98,12 @@ def scenes() -> dict[str, Callable[[], Any]]:
         lighting = wvr.Lighting(mode, light=wvr.DirectionalLight((1, 1, 1)), gradient="cell")
         add(f"preintegrated {mode}", volume(), integrator=wvr.Preintegrated(1.0), lighting=lighting)
     add("maximum", volume(), integrator=wvr.Projection("max"))
-    add("minimum absent", volume("float32", nan="transparent"), integrator=wvr.Projection("min"))
+    add("minimum absent", volume("float32", absent=True), integrator=wvr.Projection("min"))
     add("maximum labels cut", volume(), integrator=wvr.Projection("max"), segmentation=labels, clip=box)
     add("mean", volume("int16"), integrator=wvr.Projection("mean"))
-    add("isosurface", volume(), integrator=wvr.Isosurface([30, 60]))
-    add("isosurface lit", volume("float16"), integrator=wvr.Isosurface([30]), lighting=wvr.Lighting())
-    calls["depth"] = lambda: wvr.render(volume(), TF, "iso", (16, 16), integrator=wvr.Riemann(0.5)).depth()
+    add("isosurface", volume(), integrator=wvr.Isosurface([95, 110]))
+    add("isosurface lit", volume("float16"), integrator=wvr.Isosurface([95]), lighting=wvr.Lighting())
+    add(DEPTH, volume(), integrator=wvr.Riemann(0.5))
     for preintegrated in (False, True):
         name = "preintegrated shadows" if preintegrated else "shadows"
         shadows = wvr.ConvolutionShadows(preintegrated=preintegrated, subsamples=int(preintegrated))
@@ -103,12 +113,21 @@ def scenes() -> dict[str, Callable[[], Any]]:
 
 
 @contextmanager
-def _asked_for(kernels: dict[wp.Kernel, str], name: str) -> Iterator[None]:
-    """Kernels that calls within would run on a GPU; rays are not cast."""
-    load, halves = wvr.launch._load, wvr.frame.Frame.halves
+def as_on_gpus() -> Iterator[None]:
+    """A CPU casts rays as GPUs do: one a work item, without vectors."""
+    halves = wvr.frame.Frame.halves
 
     def without_vectors(*given: Any) -> Any:
         return replace(halves(*given), vectors=False)
+
+    with patch.object(wvr.frame.Frame, "halves", without_vectors):
+        yield
+
+
+@contextmanager
+def _asked_for(kernels: dict[wp.Kernel, str], name: str) -> Iterator[None]:
+    """Kernels that calls within would run on a GPU; rays are not cast."""
+    load = wvr.launch._load
 
     def maker(make: Callable[[Any], wp.Kernel]) -> Callable[[Any], None]:
         def made(halves: Any) -> None:
@@ -132,7 +151,7 @@ def _asked_for(kernels: dict[wp.Kernel, str], name: str) -> Iterator[None]:
         patch.object(wvr.frame, "launch_pixels", cast),
         patch.object(wvr.probe, "launch_pixels", cast),
         patch.object(wvr.launch, "_load", loaded),
-        patch.object(wvr.frame.Frame, "halves", without_vectors),
+        as_on_gpus(),
         catch_warnings(),
     ):
         simplefilter("ignore")  # of images of nothing
@@ -145,7 +164,9 @@ def kernels(names: list[str] | None = None) -> dict[wp.Kernel, str]:
     calls = scenes()
     for name in calls if names is None else names:
         with _asked_for(found, name):
-            calls[name]()
+            image = calls[name]()
+            if name == DEPTH:
+                image.depth()
     return found
 
 

@@ -1,4 +1,4 @@
-"""VTK's processor ray caster, ``vtkFixedPointVolumeRayCastMapper``, in a process of its own.
+"""VTK's ray casters, of processors (``vtkFixedPointVolumeRayCastMapper``) and of GPUs, in a process of their own.
 
 VTK draws the mapper's image with OpenGL, even off-screen. Where there is none (no EGL, OSMesa or X) VTK may end the
 process, so it runs in another one, which stays and measures its own frames.
@@ -6,30 +6,26 @@ process, so it runs in another one, which stays and measures its own frames.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
+import re
 import sys
-from multiprocessing.connection import Connection
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .harness import Time, timed
+import wvr
+
+from .peer import Peer
 from .scenes import Scene
 
 # VTK's opacity is linear between control points, wvr's extinction; close points make them one. Per grey level, of which
 # floating-point samples count as having 255.
 POINTS = 16
-PATIENCE = 120.0  # seconds until a frame counts as hung
+HINT = "off-screen OpenGL needs EGL or OSMesa"
 
 
-class NotAvailableError(Exception):
-    """VTK cannot render here; says why."""
-
-
-class VtkCpu:
+class VtkCpu(Peer):
     """A scene in VTK; used with ``with``.
 
     Parameters
@@ -46,88 +42,68 @@ class VtkCpu:
     """
 
     def __init__(self, scene: Scene, scale: int, threads: int, maximum: bool = False):
-        context = multiprocessing.get_context("spawn")
-        self._connection, other = context.Pipe()
-        self._process = context.Process(target=_serve, args=(other, scene, scale, threads, maximum), daemon=True)
-        self._process.start()
-        other.close()
-
-    def __enter__(self) -> VtkCpu:
-        return self
-
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._process.kill()
-        self._process.join()
-
-    def frame(self, step: float = 1.0) -> Time:
-        """Renders a frame with samples ``step`` smallest voxel spacings apart: the time it took, read-back included."""
-        return self._ask(step)
-
-    def image(self) -> NDArray[np.float64]:
-        """The last frame: premultiplied RGBA (height, width, 4), row 0 at the top."""
-        return self._ask(None)
-
-    def _ask(self, question: float | None) -> Any:
-        try:
-            self._connection.send(question)
-            if not self._connection.poll(PATIENCE):
-                raise NotAvailableError(f"no frame within {PATIENCE:g} s")
-            answer = self._connection.recv()
-        except (EOFError, OSError):
-            self._process.join()
-            raise NotAvailableError(
-                f"its process ended with exit code {self._process.exitcode} (off-screen OpenGL needs EGL or OSMesa)"
-            ) from None
-        if isinstance(answer, Exception):
-            raise NotAvailableError(repr(answer))
-        return answer
+        super().__init__(Painter, scene, scale, threads, maximum, hint=HINT)
 
 
-def _serve(connection: Connection, scene: Scene, scale: int, threads: int, maximum: bool) -> None:
-    """Answers questions until the parent ends it."""
-    # Without a display VTK looks for X first, and may end the process.
-    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
-        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-    try:
-        window, mapper = _window(scene, scale, threads)
+class VtkGpu(Peer):
+    """A scene in VTK's ray caster for GPUs, ``vtkGPUVolumeRayCastMapper``, through OpenGL; used with ``with``."""
+
+    def __init__(self, scene: Scene):
+        super().__init__(Painter, scene, 1, None, False, hint=HINT)
+
+    def renderer(self) -> str:
+        """What draws, as OpenGL says: a processor can, too."""
+        return self.ask("renderer")
+
+
+class Painter:
+    """Renders a scene in a window and reads it back."""
+
+    def __init__(self, scene: Scene, scale: int, threads: int | None, maximum: bool):
+        # Without a display VTK looks for X first, and may end the process.
+        if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+            os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+        self.window, self.mapper = _window(scene, scale, threads)
         if maximum:
-            mapper.SetBlendModeToMaximumIntensity()
-        pixels = _Pixels(window, scene.size)
-        frame = timed(pixels.render)
-        while True:
-            step = connection.recv()
-            if step is None:
-                connection.send(pixels.rgba)
-            else:
-                _set_step(mapper, step * scene.volume.smallest_spacing)
-                connection.send(frame())
-    except Exception as error:  # whatever it is, the parent reports it
-        connection.send(error)
+            self.mapper.SetBlendModeToMaximumIntensity()
+        self.size, self.spacing = scene.size, scene.volume.smallest_spacing
 
-
-class _Pixels:
-    """Renders a window and reads it back."""
-
-    def __init__(self, window: Any, size: tuple[int, int]):
-        self.window, self.size = window, size
-
-    def render(self) -> None:
+    def draw(self, step: float, camera: wvr.Camera | None) -> None:
         from vtkmodules.util.numpy_support import vtk_to_numpy
         from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 
+        self.mapper.SetSampleDistance(step * self.spacing)
+        if hasattr(self.mapper, "SetInteractiveSampleDistance"):
+            self.mapper.SetInteractiveSampleDistance(step * self.spacing)
+        if camera is not None:
+            _set_camera(self.window.GetRenderers().GetFirstRenderer(), camera)
         width, height = self.size
         self.window.Render()
         bytes_ = vtkUnsignedCharArray()
         self.window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, bytes_)
         self.rgba = vtk_to_numpy(bytes_).reshape(height, width, 4)[::-1] / 255
 
+    def image(self) -> NDArray[np.floating]:
+        return self.rgba
 
-def _set_step(mapper: Any, distance: float) -> None:
-    mapper.SetSampleDistance(distance)
-    mapper.SetInteractiveSampleDistance(distance)
+    def renderer(self) -> str:
+        found = re.search(r"renderer string: *(.*)", self.window.ReportCapabilities())
+        return found.group(1) if found else ""
 
 
-def _window(scene: Scene, scale: int, threads: int) -> tuple[Any, Any]:
+def _set_camera(renderer: Any, given: wvr.Camera) -> None:
+    camera = renderer.GetActiveCamera()
+    camera.SetPosition(*given.position)
+    camera.SetFocalPoint(*given.target)
+    camera.SetViewUp(*given.up)
+    camera.SetViewAngle(given.view_angle)
+    if given.parallel_scale is not None:
+        camera.ParallelProjectionOn()
+        camera.SetParallelScale(given.parallel_scale)
+    renderer.ResetCameraClippingRange()
+
+
+def _window(scene: Scene, scale: int, threads: int | None) -> tuple[Any, Any]:
     """A render window with the scene, unshaded before a transparent black background, and its mapper."""
     import pyvista as pv
     import vtkmodules.vtkRenderingOpenGL2
@@ -140,7 +116,7 @@ def _window(scene: Scene, scale: int, threads: int) -> tuple[Any, Any]:
         vtkVolume,
         vtkVolumeProperty,
     )
-    from vtkmodules.vtkRenderingVolume import vtkFixedPointVolumeRayCastMapper
+    from vtkmodules.vtkRenderingVolume import vtkFixedPointVolumeRayCastMapper, vtkGPUVolumeRayCastMapper
 
     own = scene.volume.numpy()
     grid = pv.ImageData(dimensions=own.shape[::-1], spacing=scene.volume.spacing, origin=scene.volume.origin)
@@ -162,9 +138,10 @@ def _window(scene: Scene, scale: int, threads: int) -> tuple[Any, Any]:
     prop.SetInterpolationTypeToLinear()
     prop.ShadeOff()
 
-    mapper = vtkFixedPointVolumeRayCastMapper()
+    mapper = vtkGPUVolumeRayCastMapper() if threads is None else vtkFixedPointVolumeRayCastMapper()
     mapper.SetInputData(grid)
-    mapper.SetNumberOfThreads(threads)
+    if threads is not None:
+        mapper.SetNumberOfThreads(threads)
     # By default VTK takes coarser steps and fewer rays to reach a frame rate.
     mapper.AutoAdjustSampleDistancesOff()
     mapper.LockSampleDistanceToInputSpacingOff()
@@ -177,15 +154,7 @@ def _window(scene: Scene, scale: int, threads: int) -> tuple[Any, Any]:
     renderer.SetBackground(0, 0, 0)
     renderer.SetBackgroundAlpha(0)
     renderer.AddVolume(volume)
-    camera = renderer.GetActiveCamera()
-    camera.SetPosition(*scene.camera.position)
-    camera.SetFocalPoint(*scene.camera.target)
-    camera.SetViewUp(*scene.camera.up)
-    camera.SetViewAngle(scene.camera.view_angle)
-    if scene.camera.parallel_scale is not None:
-        camera.ParallelProjectionOn()
-        camera.SetParallelScale(scene.camera.parallel_scale)
-    renderer.ResetCameraClippingRange()
+    _set_camera(renderer, scene.camera)
 
     window = vtkRenderWindow()
     window.SetOffScreenRendering(True)

@@ -266,3 +266,14 @@ def test_an_edge_that_is_touched_is_not_of_the_ray(what):
         camera = wvr.Camera(target - 10 * forward, target, (0, 0, 1), parallel_scale=1.0)
         image = wvr.render(volume, SPAN, camera, (1, 1), integrator=wvr.Projection(what))
         assert np.isfinite(image.values[0, 0]) == seen
+
+
+@pytest.mark.parametrize("what", ["max", "min"])
+def test_infinite_samples_are_absent_as_nan_is(what):
+    """Also where a ray is first looked at in the place of the one beside."""
+    samples = VOLUMES["holes"].numpy()
+    camera = wvr.Camera.fit(VOLUMES["holes"], (1, 0.6, 0.4))
+    expected = image_of(VOLUMES["holes"], what, camera).values
+    for absent in (np.inf, -np.inf):
+        other = wvr.Volume(np.where(np.isnan(samples), np.float32(absent), samples), nan="transparent")
+        assert np.array_equal(image_of(other, what, camera).values, expected, equal_nan=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import TimeoutError as FutureTimeoutError
 from itertools import product
 from time import perf_counter
 from typing import Any
@@ -48,6 +49,7 @@ class Blocks:
         self.again = 0  # blocks that were read once more
         self.bytes = 0  # of samples that were read
         self.waited = 0.0  # seconds
+        self._late = False
         self._full: OrderedDict[Index, NDArray] = OrderedDict()
         self._layers: dict[Index, dict[tuple[int, int], NDArray]] = {}
         self._coming: dict[Index, Future[Brick]] = {}
@@ -82,25 +84,30 @@ class Blocks:
         """Forget what was read ahead and is no longer wanted."""
         self._coming.pop(index).cancel()
 
-    def take(self, index: Index, needed: set[Index] | None = None) -> Brick:
+    def take(self, index: Index, needed: set[Index] | None = None, until: float | None = None) -> Brick:
         """A brick, as of ``come``.
 
         Raises
         ------
         OSError
             Where a block cannot be read.
+        TimeoutError
+            Where it is not there after so many seconds.
         """
         start = perf_counter()
         if index not in self._coming:
             self.come(index, needed)
         try:
-            return self._coming.pop(index).result()
+            return self._coming.pop(index).result(until)
+        except FutureTimeoutError:
+            self._late = True
+            raise TimeoutError(f"{self.volume.samples.name} is not read in time") from None
         finally:
             self.waited += perf_counter() - start
 
     def close(self) -> None:
-        """Read nothing more."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        """Read nothing more; what nobody waits for ends by itself."""
+        self._pool.shutdown(wait=not self._late, cancel_futures=True)
 
     def _brick(self, index: Index, needed: set[Index] | None) -> Brick:
         """In the one thread that reads. Samples of blocks that are not needed are anything with nothing to see."""

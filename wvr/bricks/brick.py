@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..cuts.labels import Segmentation
 from ..field.base import Field
+from ..field.blocks import Seen
 from ..frame import Frame, view
 from ..keep import Keeper
 from ..kernels.bricks.brick import Brick as BrickStruct
 from ..kernels.precision import REALS
+from ..kernels.scene import Halves
 from ..scene import Scene
 from ..volume import Volume
 from .grid import Bricks, Index, Rect, footprint
@@ -221,33 +223,43 @@ class Caster:
             Transparency of what is in front of all of the ``image``, in its pixels.
         """
         part, device = image.part(rect), self.keep.device
-        height, width = part.through.shape
-        scene = self.part_of(brick)
-        frame = Frame(scene, self.camera, (width, height), self.keep)
-        integrator = scene.integrator
-        halves = replace(frame.halves(REALS[self.precision], integrator.half(scene)), brick=True)
-        struct, seen = frame.struct(halves, rays=self.view)
-        struct.opaque = 1.0 - self.ending
-        if seen.skipped == 1.0 and integrator.anywhere:
+        frame, halves, struct, seen = self.prepared(index, brick, rect)
+        if seen.skipped == 1.0 and frame.scene.integrator.anywhere:
             return
-        struct.view.width, struct.view.height = width, height
-        offset = brick.first.astype(np.float64)
-        seen_box = (seen.low + offset, seen.high + offset) if integrator.anywhere else self.scene.volume.index_box
-        struct.view.seen_low, struct.view.seen_high = (wp.vec3d(*corner) for corner in seen_box)
-        own = BrickStruct()
-        own.edges = self._edges(*seen_box)
-        own.low, own.high = (wp.vec3d(*corner) for corner in self.bricks.own(index))
-        own.offset = wp.vec3d(*offset)
-        own.row, own.column = rect[0].start, rect[1].start
-        own.longest = scene.volume.longest
-        for name, value in integrator.spent(scene, self.keep).items():
-            setattr(own, name, value)
+        struct.opaque = 1.0 - self.ending
+        struct.brick.edges = self._edges(*self._seen_box(frame.scene, seen))
+        struct.brick.longest = frame.scene.volume.longest
+        for name, value in frame.scene.integrator.spent(frame.scene, self.keep).items():
+            setattr(struct.brick, name, value)
         if front is not None:
-            own.front = wp.array(front[image.at(rect)], dtype=wp.float64, device=device)
-        struct.brick = own
+            struct.brick.front = wp.array(front[image.at(rect)], dtype=wp.float64, device=device)
         bound = np.zeros((1, 1)) if part.bound is None else part.bound
         with shared(device, (part.rgbt, wp.vec4d), (part.samples, int), (bound, wp.float64)) as outputs:
             frame.launch(halves, struct, *outputs)
+
+    def prepared(self, index: Index, brick: Brick, rect: Rect) -> tuple[Frame, Halves, Any, Seen]:
+        """A frame of a brick in some pixels, its kernel's halves and struct, and what there is to see."""
+        scene = self.part_of(brick)
+        width, height = rect[1].stop - rect[1].start, rect[0].stop - rect[0].start
+        frame = Frame(scene, self.camera, (width, height), self.keep)
+        halves = replace(frame.halves(REALS[self.precision], scene.integrator.half(scene)), brick=True)
+        struct, seen = frame.struct(halves, rays=self.view)
+        struct.view.width, struct.view.height = width, height
+        box = self._seen_box(scene, seen)
+        struct.view.seen_low, struct.view.seen_high = (wp.vec3d(*corner) for corner in box)
+        own = BrickStruct()
+        own.low, own.high = (wp.vec3d(*corner) for corner in self.bricks.own(index))
+        own.offset = wp.vec3d(*brick.first.astype(np.float64))
+        own.row, own.column = rect[0].start, rect[1].start
+        struct.brick = own
+        return frame, halves, struct, seen
+
+    def _seen_box(self, scene: Scene, seen: Seen) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Of what there is to see in a brick, in the whole's index coordinates, or all of the whole."""
+        if not scene.integrator.anywhere or scene.integrator.probes:
+            return self.scene.volume.index_box
+        assert isinstance(scene.volume, Brick)
+        return seen.low + scene.volume.first, seen.high + scene.volume.first
 
 
 @contextmanager

@@ -13,8 +13,11 @@ from ..camera import Camera
 from ..frame import image_of
 from ..image import Image
 from ..keep import Keeper
+from ..probe import make_prober, tightest
+from ..resident import fetched
 from ..scene import Scene
 from .brick import Caster, Halo
+from .finder import Finder, caster_of
 from .grid import Bricks, in_order
 from .partial import Partial
 from .reading import Reading, active_client
@@ -37,20 +40,26 @@ def check(scene: Scene, reading: Reading) -> None:
         not to be read and there is no bound to say so.
     """
     integrator = scene.integrator
-    if not integrator.splits:
+    if not (integrator.splits or integrator.probes):
         raise ValueError(
-            f"integrator must be one whose rays are composed of those of bricks, Certified, Exact, Riemann, Simpson or "
-            f"Preintegrated, for a volume in bricks (memory_limit, client, wvr.open), got {integrator!r}"
+            f"integrator must be one whose rays are composed of those of bricks, Certified, Exact, Riemann, Simpson, "
+            f"Preintegrated, Projection or Isosurface, for a volume in bricks (memory_limit, client, wvr.open), got "
+            f"{integrator!r}"
         )
     limited = reading.budgeted
+    bounded = getattr(integrator.half(scene), "bounded", False) and not integrator.probes
     for name, given, value in (("budget", limited, "one"), ("missing", reading.missing == "bound", '"bound"')):
-        if given and not getattr(integrator.half(scene), "bounded", False):
-            raise ValueError(f"{name} = {value} needs an integrator with a bound, Certified, got {integrator!r}")
+        if given and not (bounded or integrator.seeks):
+            raise ValueError(
+                f"{name} = {value} needs an integrator with a bound on what is not read, Certified or a largest or "
+                f"smallest value, got {integrator!r}"
+            )
         if given and not scene.volume.stored:
             raise ValueError(f"{name} is for volumes of wvr.open, got one in memory")
-    if reading.client and (limited or not scene.volume.stored):
+    if reading.client and (limited or not scene.volume.stored or integrator.probes):
         what = "a budget" if limited else "a volume in memory: wvr.open takes arrays, too"
-        raise ValueError(f"client is for volumes of wvr.open, without a budget, got {what}")
+        what = repr(integrator) if integrator.probes else what
+        raise ValueError(f"client is for volumes of wvr.open, whose images are composed, without a budget, got {what}")
     if scene.shadows is not None:
         raise ValueError(
             "shadows are not there for a volume in bricks (memory_limit, client, wvr.open): leave them out"
@@ -83,7 +92,7 @@ class BrickedFrame:
         ends: NDArray[np.float64] | None = None,
     ):
         check(scene, reading)
-        if scene.volume.stored and not reading.budgeted and reading.client is None:
+        if scene.volume.stored and not (reading.budgeted or scene.integrator.probes) and reading.client is None:
             reading = replace(reading, client=active_client())
         self.given, self.ends = scene, ends
         self.scene = scene.normal
@@ -93,7 +102,25 @@ class BrickedFrame:
 
     def render(self, store: BrickStore | None = None) -> tuple[Image, BrickStore | None]:
         """The image, and its bricks for the next one; those of the last one are taken where they are the same."""
-        return (self._stored(), None) if self.scene.volume.stored else self._at_hand(store)
+        caster, image, stats, store = self._cast(store)
+        return self.finish(caster, image, stats), store
+
+    def found(self, pixel: tuple[int, int] | None) -> list[NDArray[np.float64]]:
+        """Values and depths that an integrator which probes finds in all pixels, or in one."""
+        caster, *_ = self._cast(None, pixel)
+        assert isinstance(caster, Finder)
+        told = caster.told()
+        return fetched(self.keep, told.values, told.depths)
+
+    def _cast(
+        self, store: BrickStore | None, only: tuple[int, int] | None = None
+    ) -> tuple[Caster, Partial, dict[str, Any], BrickStore | None]:
+        if not self.scene.volume.stored:
+            return self._at_hand(store, only)
+        march = Streamed(self.scene, self.camera, self.size, self.keep, self.reading, self.ends, only)
+        image, stats = march.render()
+        self.partly = bool(march.rest or stats["bricks_missing"])
+        return march.caster, image, stats, None
 
     def bricks(self) -> Bricks:
         """How a volume in memory is cut."""
@@ -104,12 +131,14 @@ class BrickedFrame:
                 break
         return Bricks.regular(field.dimensions, (cells,) * 3)
 
-    def _at_hand(self, store: BrickStore | None) -> tuple[Image, BrickStore]:
+    def _at_hand(
+        self, store: BrickStore | None, only: tuple[int, int] | None
+    ) -> tuple[Caster, Partial, dict[str, Any], BrickStore]:
         start = perf_counter()
         bricks, halo = self.bricks(), Halo.of(self.scene)
         if store is None or not store.serves(self.scene.volume, bricks, halo, self.reading.memory):
             store = BrickStore(self.scene.volume, bricks, halo, self.reading.memory)
-        caster = Caster(self.scene, self.camera, self.size, bricks, self.keep, self.ends)
+        caster = caster_of(self.scene, self.camera, self.size, bricks, self.keep, self.ends, only=only)
         image = caster.nothing()
         cast = 0
         for index in in_order(bricks, self.scene.volume, self.camera):
@@ -124,22 +153,19 @@ class BrickedFrame:
             if not store.keeps_all:
                 self.keep.end_of_frame()
         stats = {"seconds": perf_counter() - start, "bricks": len(list(bricks)), "bricks_rendered": cast}
-        return self.finish(image, bricks, stats), store
+        return caster, image, stats, store
 
-    def _stored(self) -> Image:
-        march = Streamed(self.scene, self.camera, self.size, self.keep, self.reading, self.ends)
-        image, stats = march.render()
-        self.partly = bool(march.rest or stats["bricks_missing"])
-        return self.finish(image, march.bricks, stats)
-
-    def finish(self, partial: Partial, bricks: Bricks, stats: dict[str, Any]) -> Image:
+    def finish(self, caster: Caster, partial: Partial, stats: dict[str, Any]) -> Image:
         """The image that all parts come to, rounded once."""
         scene, integrator = self.scene, self.scene.integrator
+        stats |= {"bytes": scene.volume.nbytes, "integrator": repr(integrator)}
         shown = integrator.shown(scene)
+        if isinstance(caster, Finder):
+            return self._told(caster, shown, stats)
         rgba = partial.rgbt.astype(shown)
         rgba[..., 3] = 1.0 - partial.through
         if partial.bound is not None:
-            rounding = float(np.finfo(shown).eps) / 2 + COMPOSED * sum(bricks.counts)
+            rounding = float(np.finfo(shown).eps) / 2 + COMPOSED * sum(caster.bricks.counts)
             bound = partial.bound
             if scene.lighting is None:
                 # What is true is between 0 and the brightest.
@@ -148,8 +174,26 @@ class BrickedFrame:
                 bound = np.minimum(bound, farthest.max(axis=-1))
             bound = (bound + scene.brightest * rounding) * (1 + 2.0**-50)
             self.error_bound = np.nextafter(bound.astype(np.float32), np.float32(np.inf))
-        stats |= {"bytes": scene.volume.nbytes, "integrator": repr(integrator)}
-        stats |= integrator.report(self)  # type: ignore[arg-type]
-        if scene.volume.stored and "bound_covers" in stats:
+        return self._image(rgba, partial.samples, stats)
+
+    def _told(self, caster: Finder, shown: str, stats: dict[str, Any]) -> Image:
+        """The image of what was found."""
+        told = caster.told()
+        bounds = told.bounds.numpy() + (0.0 if caster.half is None else caster.half)
+        valued = self.scene.integrator.valued
+        self.error_bound = bounds if valued else tightest(bounds)
+        image = self._image(told.rgba.numpy().astype(shown, copy=False), told.samples.numpy(), stats)
+        image.values = told.values.numpy() if valued else None
+        return image
+
+    def _image(self, rgba: NDArray[np.floating], samples: NDArray[np.int32], stats: dict[str, Any]) -> Image:
+        scene = self.scene
+        stats |= scene.integrator.report(self)  # type: ignore[arg-type]
+        if scene.volume.stored and "bound_covers" in stats and not (scene.integrator.probes and not self.partly):
             stats["bound_covers"] += ", and what was not read"
-        return image_of(self, rgba, partial.samples, stats)
+        return image_of(self, rgba, samples, stats, prober=make_prober(self, self._again))
+
+    def _again(self, scene: Scene, keep: Keeper, pixel: tuple[int, int] | None) -> list[NDArray[np.float64]]:
+        """Values and depths of another scene, of whatever has to be read for it."""
+        reading = replace(self.reading, seconds=None, bytes=None, missing="error", client=False)
+        return BrickedFrame(scene, self.camera, self.size, keep, reading, self.ends).found(pixel)

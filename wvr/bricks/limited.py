@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from ..frame import Frame
 from ..kernels.bricks.unread import show_unread, weigh_unread
 from ..launch import launch_pixels
+from .allowance import Allowance
 from .blocks import Blocks
 from .brick import shared
 from .grid import Index
@@ -47,8 +47,9 @@ class Limited:
         Bytes of images of bricks; once those are used up, nothing more is read.
     """
 
-    def __init__(self, march: Streamed, room: int):
-        self.march, self.room = march, room
+    def __init__(self, march: Streamed, room: int, allowance: Allowance):
+        self.march, self.room, self.allowance = march, room, allowance
+        self.coarse: NDArray[np.float64] | None = None
         self.partials: dict[Index, Partial] = {}
         self.needs = cache(march.needs)
         shape = tuple(reversed(march.bricks.counts))
@@ -68,7 +69,8 @@ class Limited:
         assert rect is not None
         partial = Partial.nothing(rect, march.caster.bounded)
         if needed := self.needs(index):
-            march.cast(blocks, partial, index, rect, needed)
+            with self.allowance.work("brick"):
+                march.cast(blocks, partial, index, rect, needed, until=self.allowance.left)
             march.keep.end_of_frame()
         self.partials[index] = partial
 
@@ -82,7 +84,8 @@ class Limited:
             struct.stride = step
             largest = np.zeros((-(-height // step), -(-width // step)), np.int32)
             widths = np.zeros((*largest.shape, 2))
-            self._launch(weigh_unread, struct, (largest, int), (widths, wp.vec2d))
+            with self.allowance.work("ray", largest.size):
+                self._launch(weigh_unread, struct, (largest, int), (widths, wp.vec2d))
             asking = (widths[..., 1] > march.spare) & (largest >= 0)
             if asking.any():
                 break
@@ -115,7 +118,7 @@ class Limited:
         self._launch(show_unread, self._struct(), (least, wp.vec4d), (most, wp.vec4d))
         shown = np.maximum(0.5 * (least + most), 0.0)
         least = np.maximum(least, 0.0)
-        if (coarse := self._coarse()) is not None:
+        if (coarse := self.coarse) is not None:
             # Where it says more than nothing.
             open_ = ((most - least).max(axis=-1) > 2 * march.caster.scene.integrator.tolerance)[..., None]  # type: ignore[attr-defined]
             shown = np.where(open_, np.clip(coarse, least, most), shown)
@@ -125,16 +128,17 @@ class Limited:
             result.part(partial.rect).samples[...] += partial.samples
         return result
 
-    def _coarse(self) -> NDArray[np.float64] | None:
-        """The image of the coarsest level of a pyramid, which is read for it unless nothing is to be."""
+    def stand_in(self, read: bool) -> None:
+        """Have the image of the coarsest level of a pyramid, if there is one; of one that was read before unless it may
+        be ``read``.
+        """
         march = self.march
         scene = march.caster.given
-        nothing = 0 in (march.reading.seconds, march.reading.bytes)
-        volume = vars(march.volume).get("preview") if nothing else march.volume.preview
+        volume = march.volume.preview if read else vars(march.volume).get("preview")
         if volume is None or scene.segmentation is not None or not (self.numbers >= 0).any():
-            return None
+            return
         image = Frame(replace(scene, volume=volume, like=None), march.caster.camera, march.caster.size, march.keep)
-        return image.render().rgba.astype(np.float64)
+        self.coarse = image.render().rgba.astype(np.float64)
 
     def _struct(self) -> Any:
         march, device = self.march, self.march.keep.device
@@ -163,19 +167,31 @@ class Limited:
             wp.synchronize_device(device)
 
 
-def render(march: Streamed, blocks: Blocks, start: float, room: int) -> tuple[Partial, int]:
-    """The image of what a budget allows, and how many bricks were rendered; ``start`` is when it began."""
-    reading = march.reading
-    limited = Limited(march, room)
+def render(march: Streamed, blocks: Blocks, allowance: Allowance, room: int) -> tuple[Partial, int]:
+    """The image of what a budget allows, and how many bricks were rendered."""
+    limited = Limited(march, room, allowance)
+    pixels = march.caster.size[0] * march.caster.size[1]
+    # It is wanted in any case: what it takes is known then.
+    limited.stand_in(read=not allowance.ends(0))
 
-    def enough() -> bool:
-        late = reading.seconds is not None and perf_counter() - start >= reading.seconds
-        return late or (reading.bytes is not None and blocks.bytes >= reading.bytes) or limited.full
+    def ends(what: str) -> bool:
+        # Rays are asked once more in the end, all of them, from both sides.
+        coming = allowance.expected(what) + 2 * allowance.expected("ray", pixels)
+        return allowance.ends(blocks.bytes, coming) or limited.full
 
-    while not enough() and (batch := limited.next(blocks)):
+    done = False
+    while not done and not ends("batch"):
+        with allowance.work("batch"):
+            batch = limited.next(blocks)
+        if not batch:
+            break
         for index in batch:
-            if enough():
+            if done := ends("brick"):
                 break
-            limited.cast(blocks, index)
+            try:
+                limited.cast(blocks, index)
+            except TimeoutError:
+                done = True
+                break
     march.rest = [index for index in march.order if index not in limited.partials]
     return limited.image(), len(limited.partials)

@@ -179,8 +179,9 @@ def _path(name: str, level: int | None, scalars: str | None, selection: dict, ra
             f"store must be zarr, HDF5, .npy, .nii, or a raw file with shape and dtype, got {name!r}: wvr.read reads "
             f"other files, .nii.gz among them, as a whole"
         )
-    with needs("zarr", "zarr", "distributed"):
+    with needs("zarr >= 3 (and that Python >= 3.11)", "zarr", "distributed"):
         import zarr
+        import zarr.abc  # which zarr 2 has not
     with _sound(name):
         return _node(zarr.open(name, mode="r"), level, scalars, selection, None if url else path)
 

@@ -7,6 +7,7 @@ be seen in it, or where no ray meets it that goes on: edges and corners of block
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
 
 import numpy as np
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from .brick import Caster
 from .grid import Index, Rect
 
+# Which cells of which brick: as of ``Pieces.visible``.
+Piece = tuple[int, int, int, int, int, int]
 # How near to a piece a ray may come that misses it [samples]: far more than any rounding.
 NEAR = 1 / 64
 # Of so many pixels at most, whether a ray meets a piece is looked at.
@@ -35,13 +38,13 @@ class Pieces:
     def __init__(self, caster: Caster, visible: NDArray[np.bool_], towards: Index):
         self.caster, self.visible, self.towards = caster, visible, towards
 
-    def needed(self, index: Index, rect: Rect, through: NDArray[np.floating]) -> set[Index]:
+    def needed(self, index: Index, rect: Rect, going: Callable[[Piece], NDArray[np.bool_]]) -> set[Index]:
         """Blocks that a brick is made of, those that some ray needs.
 
         Parameters
         ----------
-        rect, through
-            The pixels of its footprint, and transparency of what is in front of it there.
+        rect, going
+            The pixels of its footprint, and which of their rays go on into a piece of those that are ``visible``.
         """
         # Whether the neighbour towards the camera is before it or behind, along x, y, z.
         sides = [(at > i) - (at < i) for at, i in zip(self.towards, index, strict=True)]
@@ -50,7 +53,8 @@ class Pieces:
         for seam in product(*((0, 1) if side else (0,) for side in sides)):
             spans = [(i, i + side) if cut else (i,) for i, side, cut in zip(index, sides, seam, strict=True)]
             these: set[Index] = set(product(*spans))  # type: ignore[arg-type]
-            if these <= blocks or not self.visible[seam[::-1] + index[::-1]]:
+            piece: Piece = seam[::-1] + index[::-1]  # type: ignore[assignment]
+            if these <= blocks or not self.visible[piece]:
                 continue
             first, last = low.copy(), high.copy()
             for axis, (side, cut) in enumerate(zip(sides, seam, strict=True)):
@@ -59,12 +63,14 @@ class Pieces:
                     last[axis] = low[axis] + 1 if cut else high[axis] - 1
                 elif side:
                     first[axis] = high[axis] - 1 if cut else low[axis] + 1
-            if self._met(first, last, rect, through):
+            if self._met(first, last, rect, going(piece)):
                 blocks |= these
         return blocks
 
-    def _met(self, low: NDArray, high: NDArray, rect: Rect, through: NDArray[np.floating]) -> bool:
-        """Whether a ray that goes on meets the cells between two samples."""
+    def _met(self, low: NDArray, high: NDArray, rect: Rect, going: NDArray[np.bool_]) -> bool:
+        """Whether a ray that is ``going`` meets the cells between two samples."""
+        if not going.any():
+            return False
         place = self.caster.seen_in(low, high)
         if place is None:
             return False
@@ -73,7 +79,7 @@ class Pieces:
             slice(rows.start - rect[0].start, rows.stop - rect[0].start),
             slice(columns.start - rect[1].start, columns.stop - rect[1].start),
         )
-        going = through[at] >= self.caster.ending
+        going = going[at]
         if going.size > MANY or not going.any():
             return bool(going.any())
         y, x = np.nonzero(going)

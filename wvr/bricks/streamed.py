@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from time import perf_counter
@@ -15,12 +16,13 @@ from ..keep import Keeper
 from ..memory import free_host_memory
 from ..notices import announce
 from ..scene import Scene
-from . import limited
+from . import extremes, limited
+from .allowance import Allowance
 from .blocks import Blocks
-from .brick import Caster
+from .finder import Findings, caster_of
 from .grid import Bricks, Index, Rect, in_order
 from .partial import Partial
-from .pieces import Pieces
+from .pieces import Piece, Pieces
 from .reading import Reading
 from .stored import StoredVolume
 from .unread import Looks, unread_brick, widened
@@ -50,6 +52,7 @@ class Streamed:
         keep: Keeper,
         reading: Reading,
         ends: NDArray[np.float64] | None = None,
+        only: tuple[int, int] | None = None,
     ):
         volume: Any = scene.volume
         self.volume: StoredVolume = volume
@@ -60,7 +63,8 @@ class Streamed:
         integrator, self.spare = (
             scene.integrator.sharing(scene) if volume.ranges is not None else (scene.integrator, 0.0)
         )
-        self.caster = Caster(replace(scene, integrator=integrator), camera, size, self.bricks, keep, ends)
+        scene = replace(scene, integrator=integrator)
+        self.caster = caster_of(scene, camera, size, self.bricks, keep, ends, only=only)
         self.looks, visible = self._looks()
         self.order = [index for index in in_order(self.bricks, volume, camera) if visible[index[::-1]]]
         self.unneeded: set[Index] = set()  # of those, whose pieces with something to see no ray meets
@@ -72,6 +76,8 @@ class Streamed:
         scene, volume = self.caster.scene, self.volume
         shape = tuple(reversed(self.bricks.counts))
         self.pieces = None
+        # What there is at most in pieces, where largest or smallest values are looked for.
+        self.tops = np.full((2, 2, 2, *shape), self._top(np.array(volume.range)))
         if volume.ranges is None:
             ranges = np.broadcast_to(np.array(volume.range), (*shape, 2))
             visible = np.ones(shape, bool)
@@ -83,7 +89,11 @@ class Streamed:
             some = ranges[..., 0] <= ranges[..., 1]
             pieces = some | ~known
             here = some & known
-            pieces[here] = Looks.of(scene, widened(self.caster, ranges[here])).most > 0
+            seen = widened(self.caster, ranges[here])
+            own = scene.integrator.sees(scene, seen)
+            pieces[here] = Looks.of(scene, seen).most > 0 if own is None else own
+            if scene.integrator.seeks:
+                self.tops = np.where(known, np.where(some, self._top(ranges), -np.inf), self.tops)
             every = (0, 1, 2) if not lit else ()
             low = np.where(known, ranges[..., 0], -np.inf).min(axis=every)
             high = np.where(known, ranges[..., 1], np.inf).max(axis=every)
@@ -91,9 +101,14 @@ class Streamed:
             certain = (low <= high) & np.isfinite(low) & np.isfinite(high)
             ranges = np.where(certain[..., None], ranges, volume.range)
             visible = np.asarray(pieces.any(axis=every))
+        self.limits = ranges
         if not any(self.caster.halo.samples):
             self.pieces = Pieces(self.caster, pieces, self.towards)
         return Looks.of(scene, widened(self.caster, ranges.reshape(-1, 2))), visible
+
+    def _top(self, ranges: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of ranges, the largest, or minus the smallest."""
+        return -ranges[..., 0] if self.caster.scene.integrator.seeks < 0 else ranges[..., 1]
 
     def number(self, index: Index) -> int:
         """Of a brick among the looks."""
@@ -101,7 +116,7 @@ class Streamed:
 
     def render(self) -> tuple[Partial, dict[str, Any]]:
         """The image, and how it came about."""
-        start = perf_counter()
+        start, allowance = perf_counter(), Allowance(self.reading)
         reading = self.reading
         if reading.client:
             from .cluster import render
@@ -112,11 +127,14 @@ class Streamed:
         if reading.budgeted:
             # Half for images of bricks.
             room //= 2
-        blocks = self.blocks(room, again=reading.budgeted)
+        seeks = self.caster.scene.integrator.seeks
+        blocks = self.blocks(room, again=reading.budgeted or bool(seeks))
         self.spared = 0
         try:
-            if reading.budgeted:
-                image, cast = limited.render(self, blocks, start, room)
+            if seeks:
+                image, cast = extremes.render(self, blocks, allowance)
+            elif reading.budgeted:
+                image, cast = limited.render(self, blocks, allowance, room)
             else:
                 image, cast = self._outwards(blocks)
         finally:
@@ -157,7 +175,7 @@ class Streamed:
                 image.over(left)
                 self.spared += 1
                 continue
-            self._ahead(blocks, image, n, needed)
+            self.ahead(blocks, image, self.order[n : n + LOOKED], needed)
             self.cast(blocks, image, index, rect, needed)
             cast += 1
             self.keep.end_of_frame()
@@ -184,11 +202,21 @@ class Streamed:
             return None
         if index in self.unneeded:
             return set()
-        through = image.part(rect).through
-        blocks = self.pieces.needed(index, rect, through if front is None else through * front[image.at(rect)])
+        blocks = self.pieces.needed(index, rect, self._going(image, rect, front))
         if not blocks:
             self.unneeded.add(index)
         return blocks
+
+    def _going(
+        self, image: Partial, rect: Rect, front: NDArray[np.float64] | None
+    ) -> Callable[[Piece], NDArray[np.bool_]]:
+        """Which rays go on into a piece."""
+        if isinstance(image, Findings) and self.caster.scene.integrator.seeks:
+            values = image.part(rect).values
+            return lambda piece: values < self.tops[piece]
+        through = image.part(rect).through
+        going = (through if front is None else through * front[image.at(rect)]) >= self.caster.ending
+        return lambda piece: going
 
     def needs(self, index: Index) -> set[Index]:
         """The blocks that are needed of a brick, whatever is in front of it."""
@@ -198,14 +226,14 @@ class Streamed:
         needed = self.needed(Partial.nothing(rect, False), index, rect)
         return set(product(*self.volume.spans(*self.caster.halo.box(self.bricks, index)))) if needed is None else needed
 
-    def _ahead(self, blocks: Blocks, image: Partial, n: int, needed: set[Index] | None) -> None:
-        """Have a brick read, and the next ones meanwhile."""
+    def ahead(self, blocks: Blocks, image: Partial, order: list[Index], needed: set[Index] | None) -> None:
+        """Have the first brick read, and the next ones meanwhile."""
         for index in blocks.coming:
             if self.wanted(image, index, end=False) is None:
                 blocks.drop(index)
-        if self.order[n] not in blocks.coming:
-            blocks.come(self.order[n], needed)
-        for index in self.order[n + 1 : n + LOOKED]:
+        if order[0] not in blocks.coming:
+            blocks.come(order[0], needed)
+        for index in order[1:]:
             if blocks.full:
                 break
             rect = None if index in blocks.coming else self.wanted(image, index, end=False)
@@ -241,13 +269,29 @@ class Streamed:
         rect: Rect,
         needed: set[Index] | None,
         front: NDArray[np.float64] | None = None,
-    ) -> None:
-        """Compose the image of a brick into that of what is in front of it, as of ``Caster.cast``."""
+        until: float | None = None,
+    ) -> bool:
+        """Compose the image of a brick into that of what is in front of it, as of ``Caster.cast``; False where it could
+        not be read.
+
+        Parameters
+        ----------
+        until
+            Seconds after which it is no longer waited for.
+
+        Raises
+        ------
+        TimeoutError
+            Then.
+        """
         try:
-            self.caster.cast(index, blocks.take(index, needed), image, rect, front)
+            self.caster.cast(index, blocks.take(index, needed, until), image, rect, front)
         except OSError as error:
-            if self.reading.missing == "error":
+            if self.reading.missing == "error" or isinstance(error, TimeoutError):
                 raise
             announce("%s", error)
             self.missing += 1
-            image.over(unread_brick(self.caster, index, rect, self.looks[[self.number(index)]]))
+            if not isinstance(image, Findings):
+                image.over(unread_brick(self.caster, index, rect, self.looks[[self.number(index)]]))
+            return False
+        return True

@@ -8,7 +8,12 @@ from typing import Any, ClassVar
 import warp as wp
 
 from ..keep import Keeper, Part
+from ..kernels.field.extremes import make_extremes
 from ..kernels.field.samples import make_samples
+from ..launch import launch
+
+# Work items that look through samples at most.
+MOST_ITEMS = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -30,3 +35,14 @@ def samples_struct(data: wp.array, shift: float = 0.0) -> Any:
     struct.last = wp.vec3i(*(n - 2 for n in reversed(data.shape)))
     struct.shift = shift
     return struct
+
+
+def extremes(data: wp.array) -> tuple[float, float, int]:
+    """The smallest and the largest finite sample (inf and -inf without one), and how many are not finite: found out
+    where the samples are.
+    """
+    items = min(data.shape[0] * data.shape[1], MOST_ITEMS)
+    low, high = (wp.empty(items, dtype=wp.float64, device=data.device) for _ in range(2))
+    odd = wp.empty(items, dtype=wp.int64, device=data.device)
+    launch(make_extremes(data.dtype), items, [data, low, high, odd], data.device)
+    return float(low.numpy().min()), float(high.numpy().max()), int(odd.numpy().sum())

@@ -9,6 +9,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..keep import Keeper, Part
 from ..transfer.function import Transfer
 from ..transfer_function import TransferFunction
@@ -44,6 +47,8 @@ class Integrator(ABC):
     probes: ClassVar[bool] = False
     #: Whether what it finds are values, which colours and the bound are of.
     valued: ClassVar[bool] = False
+    #: 1 where it looks for the largest value along rays, -1 for the smallest: parts that have none are never asked for.
+    seeks: int = 0
     #: Whether it shows surfaces, which are lit by default; None where data say that.
     surfaces: ClassVar[bool | None] = None
     #: Ways of clipping that it has steps for, besides the exact one.
@@ -101,6 +106,12 @@ class Integrator(ABC):
 
     def kinds(self, scene: Scene) -> Part | None:
         """Which blocks it has something to see in, where transfer functions do not say that."""
+        return None
+
+    def sees(self, scene: Scene, ranges: NDArray[np.float64]) -> NDArray[np.bool_] | None:
+        """Of parts of a volume with samples in ``ranges``, (n, 2), in which it has something to see, where transfer
+        functions do not say that.
+        """
         return None
 
     def domain(self, volume: Field) -> tuple[float, float] | None:

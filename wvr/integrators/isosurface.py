@@ -11,7 +11,7 @@ import warp as wp
 
 from ..field.levels import LevelKinds
 from ..keep import Keeper, Part
-from ..kernels.integrators.isosurface import ASTRAY, Half
+from ..kernels.integrators.isosurface import ASTRAY, NEAR, Half
 from ..transfer_function import MAX_OPACITY, TransferFunction
 from ..validation import any_array, define, finite_array, share
 from .base import Integrator
@@ -89,9 +89,18 @@ class Isosurface(Integrator):
         return TransferFunction([(least, "white", 0.0), (least, "white", 1.0)])
 
     def kinds(self, scene: Scene) -> Part:
+        return LevelKinds(scene.volume, scene.ranges(), self._levels, self._margin(scene))
+
+    def sees(self, scene: Scene, ranges: np.ndarray) -> np.ndarray:
+        margin = self._margin(scene) + NEAR * float(np.subtract(*scene.volume.range[::-1]))
+        levels = np.array(self._levels)
+        first = np.searchsorted(levels, ranges[:, 0] - margin, "left")
+        return np.asarray(first < np.searchsorted(levels, ranges[:, 1] + margin, "right"))
+
+    def _margin(self, scene: Scene) -> float:
+        """How near to a level samples count as on both sides."""
         low, high = scene.volume.range
-        margin = 2 * (rounding(scene) + 3 * ASTRAY * (high - low))
-        return LevelKinds(scene.volume, scene.ranges(), self._levels, margin)
+        return 2 * (rounding(scene) + 3 * ASTRAY * (high - low))
 
     @property
     def _levels(self) -> tuple[float, ...]:

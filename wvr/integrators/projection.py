@@ -76,15 +76,11 @@ class Projection(Integrator):
         return "a projection is of values, which light does not change"
 
     @property
-    def _extreme(self) -> bool:
-        return self.what in ("max", "min")
-
-    @property
-    def _sign(self) -> int:
-        return 1 if self.what == "max" else -1
+    def seeks(self) -> int:  # type: ignore[override]
+        return {"max": 1, "min": -1}.get(self.what, 0)
 
     def half(self, scene: Scene) -> Any:
-        return extremes.Half(self._sign) if self._extreme else totals.Half()
+        return extremes.Half(self.seeks) if self.seeks else totals.Half()
 
     def precision(self, scene: Scene) -> str:
         return "float64"
@@ -118,15 +114,18 @@ class Projection(Integrator):
     def kinds(self, scene: Scene) -> Part:
         return Everything(scene.volume)
 
+    def sees(self, scene: Scene, ranges: np.ndarray) -> np.ndarray:
+        return np.ones(len(ranges), bool)
+
     def numbers(self, scene: Scene, keep: Keeper) -> dict[str, Any]:
         low, high = scene.volume.range
         numbers: dict[str, Any] = {"off": rounding(scene), "range": high - low}
-        if self._extreme:
-            return numbers | {"peaks": keep(Peaks(scene.ranges(), self._sign, bool(scene.skip_empty)))}
+        if self.seeks:
+            return numbers | {"peaks": keep(Peaks(scene.ranges(), self.seeks, bool(scene.skip_empty)))}
         return numbers | {"unit": scene.unit, "mean": self.what == "mean", "largest": max(abs(low), abs(high))}
 
     def parts(self, scene: Scene) -> dict[str, Part]:
-        if self._extreme:
+        if self.seeks:
             return {}
         assert scene.transfer_function is not None
         colors = Transfer(scene.transfer_function, scene.unit, 0.0, "float64", False)
@@ -136,7 +135,7 @@ class Projection(Integrator):
         return self
 
     def check(self, scene: Scene) -> None:
-        if not self._extreme and scene.transfer_function is None:
+        if not self.seeks and scene.transfer_function is None:
             raise ValueError(
                 f"transfer_function must be given besides a segmentation for Projection({self.what!r}): a {self.what} "
                 f"over several labels has the colour of none of them"
@@ -149,7 +148,7 @@ class Projection(Integrator):
 def rounding(scene: Scene) -> float:
     """Of a scalar along a ray, and of the largest in a cell: docs/projections.md."""
     low, high = scene.volume.range
-    cells = float(max(scene.volume.shape))
+    cells = float(max(scene.volume.entire.shape))
     return 2.0**-48 * max(abs(low), abs(high)) + (2.0**-43 + 6 * 2.0**-52 * cells) * (high - low) + 1e-320
 
 

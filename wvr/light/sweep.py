@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from time import perf_counter
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -46,10 +45,20 @@ ENTRIES = 256
 
 
 class Shaded(NamedTuple):
-    """What shadows say of themselves, and samples of the sweeps' rays."""
+    """The shadows of an image, how many slices they took, and samples of the sweeps' rays, (height, width)."""
 
-    stats: dict[str, Any]
-    samples: NDArray[np.int32]
+    shadows: ConvolutionShadows
+    slices: int
+    samples: wp.array
+
+    def said(self, samples: NDArray[np.int32], seconds: float) -> dict[str, Any]:
+        """Statistics of the image, once the host has the samples."""
+        return {
+            "seconds_shadows": seconds,
+            "slices": self.slices,
+            "shadow_samples": int(samples.sum(dtype=np.int64)),
+            "shadows": repr(self.shadows),
+        }
 
 
 @dataclass(frozen=True)
@@ -85,7 +94,6 @@ class Sweeping:
 
 def shade(frame: Frame, rgba: wp.array, precision: str) -> Shaded:
     """Puts an image into shadow, or makes it, by sweeps in a precision."""
-    start = perf_counter()
     height, width = rgba.shape
     shadows, device = frame.scene.shadows, frame.device
     assert shadows is not None
@@ -101,19 +109,12 @@ def shade(frame: Frame, rgba: wp.array, precision: str) -> Shaded:
         launch(choose, width * height, [rgba, shown], device)
     light, slices, samples, count = sweep_lights(frame, halves, struct, shown)
     launch(finish, width * height, [light, slices, share, rgba], device)
-    wp.synchronize_device(device)
-    stats = {
-        "seconds_shadows": perf_counter() - start,
-        "slices": count,
-        "shadow_samples": int(samples.sum(dtype=np.int64)),
-        "shadows": repr(shadows),
-    }
-    return Shaded(stats, samples)
+    return Shaded(shadows, count, samples)
 
 
 def sweep_lights(
     frame: Frame, halves: Halves, struct: Any, shown: wp.array
-) -> tuple[wp.array, wp.array, NDArray[np.int32], int]:
+) -> tuple[wp.array, wp.array, wp.array, int]:
     """Run the sweeps of all lights.
 
     Parameters
@@ -154,7 +155,7 @@ def sweep_lights(
         inputs = [eye.rgba, eye.lit, wp.vec3d(*light.color), not shadows.alone, number == 0, result]
         launch(gather, width * height, inputs, device)
         slices += struct.march.slices
-    return result, eye.rgba, eye.samples.numpy(), slices
+    return result, eye.rgba, eye.samples, slices
 
 
 def travel(

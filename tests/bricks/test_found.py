@@ -1,0 +1,212 @@
+"""Projections, isosurfaces and places along rays, in bricks and of what was not read: those of the whole."""
+
+from __future__ import annotations
+
+from threading import Event
+
+import numpy as np
+import pytest
+
+import wvr
+from wvr.bricks import stored, streamed
+from wvr.bricks.allowance import Allowance
+from wvr.bricks.frame import BrickedFrame
+from wvr.bricks.grid import Bricks
+
+from .test_bricks import CAMERAS, RNG, SIZE, TF, VOLUME
+
+SPAN = wvr.TransferFunction([(-1e9, "black", 1.0), (1e9, "white", 1.0)])
+# Whole numbers, of which one is the level, so that surfaces are in faces of bricks as well.
+SURFACES = wvr.Isosurface([90.0, 140.0])
+
+
+def assert_same(image: wvr.Image, whole: wvr.Image) -> None:
+    """As near to each other as their bounds say."""
+    one, other = (image.rgba, whole.rgba) if whole.values is None else (image.values, whole.values)
+    assert np.array_equal(np.isnan(one), np.isnan(other))
+    apart = np.abs(one - other).reshape(*SIZE[::-1], -1).max(axis=2)
+    assert np.all((apart <= image.error_bound + whole.error_bound) | np.isnan(apart)), np.nanmax(apart)
+
+
+@pytest.fixture
+def split(monkeypatch):
+    """Renders in bricks of so many cells along x, y, z."""
+
+    def render(cells, *scene, **options):
+        cut = Bricks.regular(VOLUME.dimensions, cells)
+        monkeypatch.setattr(BrickedFrame, "bricks", lambda self: cut)
+        return wvr.render(VOLUME, *scene, SIZE, memory_limit="1 GiB", **options)
+
+    return render
+
+
+@pytest.mark.parametrize("what", ["max", "mean"])
+def test_projections_in_bricks_are_the_whole(split, what):
+    """From outside, inside and along faces of bricks; with a bound as small."""
+    method = wvr.Projection(what)
+    for camera in CAMERAS.values():
+        whole = wvr.render(VOLUME, SPAN, camera, SIZE, integrator=method)
+        image = split((6, 6, 6), SPAN, camera, integrator=method)
+        assert_same(image, whole)
+        assert image.error_bound.max() < 1e-6
+        if camera is CAMERAS["outside"]:
+            np.testing.assert_allclose(image.depth(), whole.depth(), atol=1e-9)
+
+
+def test_surfaces_go_on_from_brick_to_brick(split):
+    """One that a ray crosses in a face is seen once, and surely."""
+    for name, camera in CAMERAS.items():
+        whole = wvr.render(VOLUME, TF, camera, SIZE, integrator=SURFACES, lighting=False)
+        image = split((6, 6, 6), TF, camera, integrator=SURFACES, lighting=False)
+        assert_same(image, whole)
+        if not name.startswith("from a face"):
+            assert np.array_equal(image.rgba, whole.rgba) and image.error_bound.max() < 1e-6
+    # Along the axes rays meet samples, some of which are at a level, in faces of bricks too.
+    flat = wvr.Volume(np.repeat(np.arange(12, dtype=np.uint8), 81).reshape(12, 9, 9))
+    camera = wvr.Camera((4, 4, 50), (4, 4, 0), up=(0, 1, 0), parallel_scale=3.1)
+    tf = wvr.TransferFunction([(0, "red", 0.5), (12, "blue", 0.5)])
+    levels = wvr.Isosurface([3, 4, 6, 8])
+    whole = wvr.render(flat, tf, camera, (7, 7), integrator=levels, lighting=False)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BrickedFrame, "bricks", lambda self: Bricks.regular(flat.dimensions, (4, 4, 4)))
+        image = wvr.render(flat, tf, camera, (7, 7), integrator=levels, lighting=False, memory_limit="1 GiB")
+    assert np.array_equal(image.rgba, whole.rgba) and image.rgba[3, 3, 3] == pytest.approx(1 - 0.5**4, abs=1e-6)
+    assert image.error_bound.max() < 1e-6
+
+
+def test_where_rays_have_an_opacity(split):
+    """And what is picked, of a pixel alone."""
+    for name in ("outside", "inside"):
+        whole = wvr.render(VOLUME, TF, CAMERAS[name], SIZE)
+        image = split((6, 6, 6), TF, CAMERAS[name])
+        np.testing.assert_allclose(image.depth(0.3), whole.depth(0.3), atol=1e-9)
+        one, other = image.pick(6, 5), whole.pick(6, 5)
+        # Of images that are within their tolerance.
+        np.testing.assert_allclose(one.position, other.position, atol=0.05)
+        assert one.value == pytest.approx(other.value, rel=0.05)
+
+
+DATA = np.clip(wvr.datasets.load("blobs", 40).numpy() + RNG.normal(0, 6, (40, 40, 40)), 0, 255).astype(np.uint8)
+WHOLE = wvr.Volume(DATA, (1.0, 1.1, 0.9))
+VIEWS = (wvr.Camera.fit(WHOLE, (1, 0.6, 0.4)), wvr.Camera((18, 21, 12), (30, 28, 30), view_angle=80))
+
+
+@pytest.fixture
+def known(monkeypatch):
+    """Blocks of eight samples along an axis, and their ranges."""
+    monkeypatch.setattr(stored, "ALONG", 8)
+    return wvr.build_ranges(wvr.open(DATA, spacing=WHOLE.spacing))
+
+
+@pytest.mark.parametrize("what", ["max", "min"])
+@pytest.mark.parametrize("budget", [None, 0, "3 kB"])
+def test_what_is_not_read_is_in_the_bound_of_an_extreme(known, what, budget):
+    method = wvr.Projection(what)
+    options = {} if budget is None else {"budget": budget}
+    for camera in VIEWS:
+        whole = wvr.render(WHOLE, SPAN, camera, SIZE, integrator=method)
+        image = wvr.render(known, SPAN, camera, SIZE, integrator=method, **options)
+        assert_same(image, whole)
+        if budget == 0:
+            assert image.stats["bytes_read"] == 0 and 1 < image.error_bound.max() < 128
+        elif budget == "3 kB":
+            assert image.stats["bytes_read"] < 3000 + 8 * 512 and image.stats["bricks_unread"] > 0
+        else:
+            assert image.error_bound.max() < 1e-6 and image.stats["bricks_unread"] == 0
+
+
+def test_only_bricks_that_may_have_more_are_read(known):
+    """No block is read whose samples, and those beside it, are all below what each ray finds."""
+    camera = wvr.Camera((19.5, 21.45, -60), (19.5, 21.45, 0), up=(0, 1, 0), parallel_scale=21.0)
+    image = wvr.render(known, SPAN, camera, (40, 40), integrator=wvr.Projection("max"))
+    # Rays along z: columns of blocks, and the least that any of their rays finds.
+    found = wvr.render(WHOLE, SPAN, camera, (40, 40), integrator=wvr.Projection("max")).values
+    least = np.nanmin(found)
+    tops = DATA.reshape(5, 8, 5, 8, 5, 8).max(axis=(1, 3, 5))
+    assert image.stats["blocks_read"] < 125 and image.stats["blocks_read"] <= (tops > least).sum()
+
+
+@pytest.mark.parametrize("method", [wvr.Projection("mean"), SURFACES], ids=repr)
+def test_others_of_a_store(known, method):
+    """What no ray asks for is not read; light looks at neighbours."""
+    for camera in VIEWS:
+        whole = wvr.render(WHOLE, TF, camera, SIZE, integrator=method)
+        image = wvr.render(known, TF, camera, SIZE, integrator=method)
+        assert_same(image, whole)
+        if whole.values is None:
+            np.testing.assert_allclose(image.rgba, whole.rgba, atol=1e-6)
+    assert image.stats["blocks_read"] < 125
+
+
+def test_a_block_that_cannot_be_read_is_in_the_bound(known):
+    class Broken:
+        shape, dtype = DATA.shape, DATA.dtype
+
+        def __getitem__(self, key):
+            if all(part.start < 24 and part.stop > 16 for part in key):
+                raise OSError("gone")
+            return DATA[key]
+
+    volume = known.at(array=Broken())
+    volume.ranges = known.ranges
+    method = wvr.Projection("max")
+    with pytest.raises(OSError, match="gone"):
+        wvr.render(volume, SPAN, VIEWS[0], SIZE, integrator=method)
+    image = wvr.render(volume, SPAN, VIEWS[0], SIZE, integrator=method, missing="bound")
+    assert image.stats["bricks_missing"] > 0 and image.error_bound.max() > 1
+    assert_same(image, wvr.render(WHOLE, SPAN, VIEWS[0], SIZE, integrator=method))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"integrator": wvr.Projection("mean"), "budget": 1.0},
+        {"integrator": SURFACES, "missing": "bound"},
+    ],
+    ids=["a budget", "missing"],
+)
+def test_what_has_no_bound_for_what_is_not_read_says_so(known, options):
+    with pytest.raises(ValueError, match="needs an integrator with a bound on what is not read"):
+        wvr.render(known, SPAN, VIEWS[0], SIZE, **options)
+
+
+class Clock:
+    """Seconds that go by with what is done alone."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.mark.parametrize("method", [wvr.Certified(1 / 256), wvr.Projection("max")], ids=repr)
+@pytest.mark.parametrize("slower", [1.0, 5.0])
+def test_a_budget_of_seconds_is_kept(known, monkeypatch, method, slower):
+    """By what reads took so far, also on a machine that others slow down meanwhile: by no more than that costs one."""
+    clock, took = Clock(), 0.1
+    region = stored.StoredVolume.region
+    reads = []
+
+    def read(self, low, high):
+        reads.append(took * (slower if len(reads) >= 3 else 1.0))
+        clock.now += reads[-1]
+        return region(self, low, high)
+
+    monkeypatch.setattr(stored.StoredVolume, "region", read)
+    monkeypatch.setattr(streamed, "Allowance", lambda reading: Allowance(reading, clock))
+    image = wvr.render(known, TF, VIEWS[0], SIZE, integrator=method, budget=3.0)
+    assert 3 < len(reads) < 40 and image.error_bound.max() > 1 / 256
+    # A brick is of up to eight blocks, one that is read ahead besides.
+    assert clock.now <= 3.0 + 9 * max(reads)
+
+
+def test_what_is_not_read_in_time_is_not_waited_for(known, monkeypatch):
+    there = Event()
+    monkeypatch.setattr(stored.StoredVolume, "region", lambda *_: there.wait(60) and None)
+    try:
+        for method in (wvr.Certified(1 / 256), wvr.Projection("max")):
+            image = wvr.render(known, TF, VIEWS[0], SIZE, integrator=method, budget=0.2)
+            assert image.stats["blocks_read"] == 0 and image.stats["bricks_unread"] > 0
+    finally:
+        there.set()

@@ -1,0 +1,167 @@
+"""Images that stay on their device, tried on the CPU as if its memory were another's: what is waited for, what is
+copied when, and that it is the same image.
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import warp as wp
+
+import wvr
+import wvr.frame
+import wvr.resident
+from wvr.checksum import checksum
+from wvr.clock import Clock
+from wvr.field.samples import extremes
+from wvr.launch import get_device
+
+SIZE = (24, 20)
+TF = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.4)])
+
+
+@pytest.fixture
+def elsewhere(monkeypatch):
+    """The CPU as a device whose memory the host cannot read, on one thread; counts waits, copies and arrays made."""
+    monkeypatch.setattr(wvr.resident, "stays", lambda device: True)
+    monkeypatch.setattr(wvr.frame, "stays", lambda device: True)
+    counts = SimpleNamespace(waits=0, copies=[], made=[])
+    wait, copy, empty = wp.synchronize_device, wp.array.numpy, wp.empty
+
+    def waited(*args):
+        counts.waits += 1
+        wait(*args)
+
+    def copied(self):
+        counts.copies.append(self.dtype)
+        return copy(self)
+
+    def made(shape, *args, **options):
+        counts.made.append(shape)
+        return empty(shape, *args, **options)
+
+    monkeypatch.setattr(wp, "synchronize_device", waited)
+    monkeypatch.setattr(wp.array, "numpy", copied)
+    monkeypatch.setattr(wp, "empty", made)
+    before = wvr.get_num_threads()
+    wvr.set_num_threads(1)
+    yield counts
+    wvr.set_num_threads(before)
+
+
+SCENES = {
+    "certified": {},
+    "riemann": {"integrator": wvr.Riemann(0.5)},
+    "shadows": {"integrator": wvr.Riemann(0.5), "shadows": wvr.ConvolutionShadows()},
+    "maximum": {"integrator": wvr.Projection("max")},
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_frame_is_waited_for_once_and_stays(elsewhere, monkeypatch, blobs, name):
+    renderer = wvr.Renderer(blobs, TF, device="cpu", **SCENES[name])
+    camera = wvr.Camera.fit(blobs)
+    renderer.render(wvr.Camera.fit(blobs, (0, 1, 0.2)), SIZE)
+    elsewhere.waits, elsewhere.copies[:], elsewhere.made[:] = 0, [], []
+    image = renderer.render(camera, SIZE)
+    assert elsewhere.waits == 1
+    assert not {wp.vec4f, wp.vec4d} & set(elsewhere.copies)
+    # Of arrays of all pixels, only what the image itself has.
+    if name in ("certified", "riemann"):
+        assert elsewhere.made.count(SIZE[::-1]) == 1
+    pixels = image.device_rgba
+    assert image.device_rgba is pixels and pixels.shape == SIZE[::-1] and pixels.dtype is wp.vec4f
+    assert image.size == SIZE and image.most_opaque > 0.1
+    assert not {wp.vec4f, wp.vec4d} & set(elsewhere.copies)
+    monkeypatch.undo()
+    usual = wvr.Renderer(blobs, TF, device="cpu", **SCENES[name]).render(camera, SIZE)
+    np.testing.assert_array_equal(image.rgba, usual.rgba)
+    np.testing.assert_array_equal(image.samples, usual.samples)
+    np.testing.assert_array_equal(np.from_dlpack(pixels), usual.rgba)
+    if usual.error_bound is not None:
+        np.testing.assert_array_equal(image.error_bound, usual.error_bound)
+    assert image.most_opaque == usual.most_opaque
+    assert image.stats.keys() == usual.stats.keys() and image.stats["precision"] == usual.stats["precision"]
+
+
+def test_images_do_not_share_what_frames_leave_to_one_another(elsewhere, blobs):
+    renderer = wvr.Renderer(blobs, TF, device="cpu")
+    one = renderer.render(wvr.Camera.fit(blobs), SIZE)
+    kept = [array.copy() for array in (one.rgba, one.samples, one.error_bound)]
+    renderer.render(wvr.Camera.fit(blobs, (0, 1, 0)), SIZE)
+    for array, before in zip((np.from_dlpack(one.device_rgba), one.samples, one.error_bound), kept, strict=True):
+        np.testing.assert_array_equal(array, before)
+
+
+def test_an_image_of_the_cpu_is_shared(blobs):
+    image = wvr.render(blobs, TF, size=SIZE, device="cpu", integrator=wvr.Riemann(0.5))
+    shared = np.from_dlpack(image.device_rgba)
+    assert shared.shape == image.rgba.shape and np.shares_memory(shared, image.rgba)
+
+
+class Fake:
+    """A CUDA device and an array on it, for whoever only asks where things are."""
+
+    is_cpu, is_cuda, alias = False, True, "cuda:7"
+
+    def __init__(self):
+        self.events = []
+        self.stream = SimpleNamespace(record_event=lambda event: self.events.append(event) or event)
+
+
+def test_stages_are_timed_by_events_that_nobody_waits_for(monkeypatch):
+    times = iter([10.0, 12.5, 20.0])
+    monkeypatch.setattr(wp, "Event", lambda device, enable_timing: next(times) if enable_timing else None)
+
+    def elapsed(start, end, synchronize):
+        assert not synchronize
+        return end - start
+
+    monkeypatch.setattr(wp, "get_event_elapsed_time", elapsed)
+    clock = Clock(Fake())
+    clock.mark()
+    clock.mark()
+    np.testing.assert_allclose(clock.seconds(), [0.0025, 0.0075])
+    assert clock.device.events == [10.0, 12.5, 20.0]
+    usual = Clock(get_device("cpu"))
+    usual.mark()
+    assert len(usual.seconds()) == 1 and usual.seconds()[0] >= 0
+
+
+def test_samples_that_are_on_a_device_are_counted_once():
+    """Of those given there nothing is missing; of others all until they were brought, and of one axis a copy."""
+    device = Fake()
+    volume = wvr.Volume(np.zeros((4, 5, 6), np.float32))
+    assert volume.missing_on(device) == 480
+    volume._device_arrays[device.alias] = object()
+    assert volume.missing_on(device) == 0
+    for shape, missing in (((4, 5, 6), 0), ((1, 5, 6), 120)):
+        given = wvr.Volume(np.zeros(shape, np.float32))
+        given._data = SimpleNamespace(device=device, shape=shape, dtype=wp.float32)
+        assert given.missing_on(device) == missing
+        assert given.missing_on(Fake()) == given.nbytes
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "float32"])
+def test_what_is_known_of_samples_on_a_device_is_found_there(monkeypatch, dtype):
+    """Range, dtype and whether all are finite, without bringing them; also after somebody wrote into them."""
+    values = np.arange(3, 3 + 7 * 6 * 5).reshape(7, 6, 5).astype(dtype)
+    volume = wvr.Volume(values.copy(), nan="transparent")
+    volume._data = data = wp.array(values, dtype=wp.dtype_from_numpy(values.dtype), device="cpu")
+    volume._forget()
+    monkeypatch.setattr(wvr.Volume, "host", lambda self: pytest.fail("samples were brought"))
+    assert volume.range == (3.0, 212.0) and not volume.has_nonfinite and volume.dtype == dtype
+    before = checksum(data)
+    written = values.copy()
+    written[6, 5, 4] = 1  # the very last
+    if dtype == "float32":
+        written[0, 0, 0], written[0, 0, 1] = np.nan, -np.inf
+    data.assign(written)
+    assert checksum(data) != before
+    volume.look()
+    assert volume.range == (1.0, 211.0) and volume.has_nonfinite == (dtype == "float32")
+    assert extremes(data)[2] == (2 if dtype == "float32" else 0)
+    if dtype == "float32":
+        volume.nan = "error"
+        with pytest.raises(ValueError, match="array has 2 NaN or infinite samples of 210"):
+            volume.changed()
