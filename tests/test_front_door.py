@@ -5,6 +5,7 @@ import io
 import re
 import threading
 from operator import attrgetter
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from PIL import Image as PillowImage
 import wvr
 from wvr.keywords import ELSEWHERE, MovieOptions, Options
 
+ROOT = Path(__file__).parents[1]
 CAMERA = wvr.Camera((40, 30, 20), (8, 8, 8))
 FAST = {"size": (16, 12), "integrator": wvr.Riemann(1.0)}
 
@@ -119,6 +121,8 @@ def test_keywords_of_other_libraries_say_what_to_write(grid, keyword):
         (lambda v: wvr.Renderer(v.numpy(), "viridis").render(CAMERA), "got ndarray: volume = wvr.as_volume(data)"),
         (lambda v: wvr.Renderer(v, "viridis").render(CAMERA), "from_colormap('viridis', volume.range) makes one"),
         (lambda v: wvr.Renderer(v).render(CAMERA), "got None: wvr.presets.suggest(volume) has some"),
+        (lambda v: wvr.render(v, **FAST).save("a.mp4"), "got 'a.mp4'; wvr.orbit, wvr.time_series and"),
+        (lambda v: wvr.render(v, **FAST).save("a.html"), "wvr.view(data) has a page to turn it"),
         (lambda v: wvr.Projection("maximum"), "did you mean 'max'?"),
         (lambda v: wvr.Projection("average"), "what must be 'mean' for the average"),
         (lambda v: wvr.Volume(v.to_pyvista()), "wvr.as_volume takes it"),
@@ -148,3 +152,43 @@ def test_type_checkers_know_the_keywords():
     keywords = {name for name, parameter in parameters.items() if parameter.kind is parameter.KEYWORD_ONLY}
     assert set(Options.__annotations__) | {"integrator", "tolerance"} == keywords
     assert set(MovieOptions.__annotations__) == keywords - {"cancel", "depth"}
+
+
+def test_every_keyword_of_add_volume_is_answered():
+    known = {*inspect.signature(wvr.render).parameters, *ELSEWHERE, "self", "volume", "kwargs"}
+    assert set(inspect.signature(pv.Plotter.add_volume).parameters) <= known
+
+
+# What stands for what the table leaves out; images are small.
+LEFT_OUT = {
+    "wvr.render(": "render(",
+    "from_colormap(...": 'from_colormap("viridis", (0, 255), "linear"',
+    "wvr.Lighting(...)": "wvr.Lighting()",
+    "wvr.Camera(...)": "wvr.Camera(position, focal)",
+    "frames=120": "size=(16, 12), frames=2",
+    "turn.mp4": "turn.gif",
+}
+TABLE = re.findall(r"^\| `?(.*?)`? \| (.*) \|$", (ROOT / "docs" / "from_pyvista.md").read_text(encoding="utf-8"), re.M)
+
+
+@pytest.mark.parametrize("row", TABLE[2:], ids=lambda row: row[0][:40])
+def test_what_the_table_for_users_of_pyvista_says_works(row, volume, grid, image, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 16 16 16\nencoding: raw\n\n"
+    (tmp_path / "scan.nrrd").write_bytes(header.encode() + volume.numpy().astype(np.uint8).tobytes())
+    monkeypatch.setattr(wvr.Image, "show", lambda image: None)  # there is no display
+    plotter = pv.Plotter(off_screen=True, window_size=FAST["size"])
+    plotter.add_volume(grid)
+    plotter.show(auto_close=False)
+    position, focal, up = (40.0, 30.0, 20.0), (8.0, 8.0, 8.0), (0.0, 0.0, 1.0)
+    names = {"wvr": wvr, "grid": grid, "image": image, "plotter": plotter, "array": volume.numpy()}
+    names |= {"position": position, "focal": focal, "up": up, "point": focal, "normal": up, "x": 8, "y": 6}
+    names["render"] = lambda *given, **options: wvr.render(*given, **{"size": FAST["size"], **options})
+    works = [text for text in re.findall(r"`([^`]+)`", row[1]) if not text.startswith('"')]
+    assert works
+    for text in works:
+        for left_out, instead in LEFT_OUT.items():
+            text = text.replace(left_out, instead)
+        keyword = re.match(r"\w+=", text)
+        eval(f"render(grid, {text})" if keyword else text, names)
+    plotter.close()

@@ -12,6 +12,9 @@ from pathlib import Path
 import pytest
 import warp as wp
 
+import wvr
+from wvr import kernel_cache, launch
+
 from .helpers import mounted
 
 # A process that squares 3, by a kernel as small as can be.
@@ -114,3 +117,21 @@ def test_no_space_for_kernels_is_an_error(script, tmp_path):
     result = run(script, tmp_path, "full")
     assert result.returncode == 1 and result.stdout == ""
     assert "OSError: kernels can be compiled neither into" in result.stderr and "No space left" in result.stderr
+
+
+def test_only_rays_one_by_one_are_compiled_with_all_inlined(monkeypatch):
+    """What is inlined more than LLVM itself would takes half as long again."""
+    flags = {}
+
+    def load(kernel, *arguments):
+        whole(kernel, *arguments)
+        flags[kernel.key.rpartition("__")[2]] = kernel.module.options["cpu_compiler_flags"]
+
+    whole = kernel_cache.load
+    monkeypatch.setattr(kernel_cache, "load", load)
+    launch._load.cache_clear()
+    volume = wvr.datasets.load("blobs", 16)
+    for integrator in (wvr.Certified(0.01), wvr.Riemann(1.0)):
+        wvr.render(volume, "viridis", size=(16, 16), integrator=integrator, lighting=False, device="cpu")
+    inlined = {name for name, text in flags.items() if "-inline-threshold" in text}
+    assert inlined == {"raycast"} and {"ranges", "kinds", "raycasts"} < set(flags)

@@ -7,9 +7,10 @@ import os
 import secrets
 import shutil
 import stat
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import BinaryIO
 
 # Bytes of a text that is read at once, beyond any that is meant.
@@ -150,9 +151,14 @@ def write_text(path: Path, text: str) -> None:
         file.write(text.encode("utf-8"))
 
 
-def known_suffix(path: Path, accepted: Collection[str], name: str = "path") -> str:
-    """The extension of ``path`` in lower case if it is one of ``accepted``; ``name`` says in the error whose it is."""
+def known_suffix(
+    path: Path, accepted: Collection[str], name: str = "path", elsewhere: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    """The extension of ``path`` in lower case if it is one of ``accepted``; ``name`` says in the error whose it is, and
+    ``elsewhere`` what writes others.
+    """
     suffix = path.suffix.lower()
     if suffix not in accepted:
-        raise ValueError(f"{name} must end in {', '.join(accepted)}, got {str(path)!r}")
+        said = f"; {elsewhere[suffix]}" if suffix in elsewhere else ""
+        raise ValueError(f"{name} must end in {', '.join(accepted)}, got {str(path)!r}{said}")
     return suffix

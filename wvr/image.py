@@ -365,7 +365,7 @@ class Image:
             Where the file cannot be written; ``FileNotFoundError`` where its folder does not exist.
         """
         path = path_of(path)
-        suffix = known_suffix(path, (*PIXEL_WRITERS, *FLOAT_WRITERS))
+        suffix = known_suffix(path, (*PIXEL_WRITERS, *FLOAT_WRITERS), elsewhere=ELSEWHERE)
         if suffix in PIXEL_WRITERS:
             background = self.background if background is None else background
             if suffix != ".png":
@@ -491,6 +491,14 @@ PIXEL_WRITERS: dict[str, Callable[[BinaryIO, NDArray[np.uint8]], None]] = {
     ".png": _write_png,
     ".jpg": _write_jpeg,
     ".jpeg": _write_jpeg,
+}
+# What writes what is no picture, or no pixels.
+ELSEWHERE = {
+    ".gif": "wvr.orbit, wvr.time_series and wvr.save_movie write movies",
+    ".mp4": "wvr.orbit, wvr.time_series and wvr.save_movie write movies",
+    ".pdf": "image.plot().figure.savefig(path) writes figures",
+    ".svg": "image.plot().figure.savefig(path) writes figures",
+    ".html": "wvr.view(data) has a page to turn it",
 }
 FLOAT_WRITERS: dict[str, Callable[[BinaryIO, NDArray[np.floating]], None]] = {
     ".exr": _write_exr,

@@ -27,6 +27,8 @@ ROOM = 1 << 24
 # No kernel has bfloat16, and Warp's headers take a third less time without: as Warp itself defines it, but also where
 # headers are compiled ahead.
 LEAN = "-DWP_NO_BFLOAT16="
+# Warp has everything inlined that is not huge. Only rays one by one are faster for it, and it takes half as long again.
+DEEP = "-mllvm=-"
 
 
 def start() -> None:
@@ -39,13 +41,14 @@ def start() -> None:
             wp.init()
 
 
-def load(kernel: wp.Kernel, device: wp.Device, block_dim: int) -> None:
-    """Load the module of a kernel, compiled now unless it was before and is whole."""
+def load(kernel: wp.Kernel, device: wp.Device, block_dim: int, deep: bool = True) -> None:
+    """Load the module of a kernel, compiled now unless it was and is whole; ``deep``, with large functions inlined."""
     module = kernel.module
     flags = module.options["cpu_compiler_flags"]
     if flags is None:
         flags = "-march=native" if wp.config.cpu_compiler_flags is None else wp.config.cpu_compiler_flags
-        wp.set_module_options({"cpu_compiler_flags": f"{flags} {LEAN}"}, module)
+        kept = [flag for flag in flags.split() if deep or not flag.startswith(DEEP)]
+        wp.set_module_options({"cpu_compiler_flags": " ".join([*kept, LEAN])}, module)
     name = module.get_module_identifier(block_dim)
     with _alone(name), wp.ScopedLogLevel(wp.LOG_WARNING):
         if not _whole(_folder() / name):

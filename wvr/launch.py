@@ -144,14 +144,15 @@ def launch(
     view
         The :class:`kernels.ray.View` of the ``inputs``, where they have one: the kernel then ends between two pixels.
     scratch
-        Bytes of memory that each thread has for itself, whose address takes the place of the last of the ``inputs``.
+        Bytes of memory that each thread has for itself, whose address takes the place of the last of the ``inputs``:
+        kernels of rays that are written in vectors have some.
 
     Raises
     ------
     Cancelled
         Where the event of :func:`cancelling` is set; on CUDA, before the launch.
     """
-    _load(kernel, device.alias)
+    _load(kernel, device.alias, deep=view is not None and scratch == 0)
     if device.is_cuda:
         _check_cancelled()
         wp.launch(kernel, items, [first, *inputs], device=device)
@@ -212,7 +213,7 @@ def launch_in_turn(kernel: wp.Kernel, items: int, steps: Sequence[tuple], inputs
     steps
         Numbers, first arguments of the kernel.
     """
-    _load(kernel, device.alias)
+    _load(kernel, device.alias, deep=True)
     threads = 1 if device.is_cuda else min(get_num_threads(), items)
     strips = 1 if threads == 1 else min(STRIPS_PER_STEP * threads, items)
     strip = -(-items // strips)
@@ -361,9 +362,9 @@ if hasattr(os, "register_at_fork"):
 
 
 @cache
-def _load(kernel: wp.Kernel, alias: str) -> None:
+def _load(kernel: wp.Kernel, alias: str, deep: bool) -> None:
     """Load the kernel's module, one thread at a time."""
     device = wp.get_device(alias)
     block_dim = 1 if device.is_cpu else kernel.module.options["block_dim"]
     with _loading.held():
-        kernel_cache.load(kernel, device, block_dim)
+        kernel_cache.load(kernel, device, block_dim, deep)

@@ -96,9 +96,9 @@ def _stem(source: str) -> str:
 def _check_output(output: Path, background: str | None) -> None:
     """Says what cannot be written before minutes of rendering, not after."""
     from ..files import known_suffix
-    from ..image import FLOAT_WRITERS
+    from ..image import ELSEWHERE, FLOAT_WRITERS
 
-    suffix = known_suffix(output, (*PIXEL_WRITERS, *FLOAT_WRITERS), "--output")
+    suffix = known_suffix(output, (*PIXEL_WRITERS, *FLOAT_WRITERS), "--output", ELSEWHERE)
     if suffix not in PIXEL_WRITERS and background is not None:
         raise ValueError(f"--background is for .png and .jpg, {suffix} keeps the image without one")
     if not output.parent.is_dir():
