@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from io import BytesIO
 from operator import index
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 import warp as wp
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from .color import is_clear, linear_rgb, linear_to_srgb, srgb_to_linear
 from .display import Shown, plot
 from .files import known_suffix, whole_file
+from .pictures import ELSEWHERE, FLOAT_WRITERS, PIXEL_WRITERS, write_png
 from .resident import Resident
 from .validation import any_array, at_most, path_of, share
 
@@ -387,7 +388,7 @@ class Image:
     def png(self, background: Background | None = None) -> bytes:
         """The bytes of a PNG file, for pipes and web pages; ``background`` as for :meth:`to_uint8`."""
         png = BytesIO()
-        _write_png(png, self.to_uint8(background))
+        write_png(png, self.to_uint8(background))
         return png.getvalue()
 
     def _repr_png_(self) -> bytes:
@@ -453,56 +454,3 @@ def _counted(count: int) -> str:
         if count >= unit:
             return f"{count / unit:.3g} {prefix}"
     return str(count)
-
-
-def _write_png(file: BinaryIO, pixels: NDArray[np.uint8]) -> None:
-    from PIL import Image as PillowImage
-    from PIL.PngImagePlugin import PngInfo
-
-    info = PngInfo()
-    info.add_text("Software", "wvr")
-    PillowImage.fromarray(pixels).save(file, "PNG", pnginfo=info)
-
-
-def _write_jpeg(file: BinaryIO, pixels: NDArray[np.uint8]) -> None:
-    from PIL import Image as PillowImage
-
-    PillowImage.fromarray(pixels).save(file, "JPEG", quality=95, subsampling=0)
-
-
-def _write_exr(file: BinaryIO, rgba: NDArray[np.floating]) -> None:
-    import OpenEXR
-
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "software": "wvr"}
-    try:
-        with OpenEXR.File(header, {"RGBA": np.ascontiguousarray(rgba, np.float32)}) as exr:
-            exr.write(file.name)
-    except RuntimeError as error:
-        raise OSError(f"could not write the EXR file: {error}") from error
-
-
-def _write_tiff(file: BinaryIO, rgba: NDArray[np.floating]) -> None:
-    import tifffile
-
-    tifffile.imwrite(file, rgba, photometric="rgb", extrasamples=["assocalpha"], metadata=None, software="wvr")
-
-
-PIXEL_WRITERS: dict[str, Callable[[BinaryIO, NDArray[np.uint8]], None]] = {
-    ".png": _write_png,
-    ".jpg": _write_jpeg,
-    ".jpeg": _write_jpeg,
-}
-# What writes what is no picture, or no pixels.
-ELSEWHERE = {
-    ".gif": "wvr.orbit, wvr.time_series and wvr.save_movie write movies",
-    ".mp4": "wvr.orbit, wvr.time_series and wvr.save_movie write movies",
-    ".pdf": "image.plot().figure.savefig(path) writes figures",
-    ".svg": "image.plot().figure.savefig(path) writes figures",
-    ".html": "wvr.view(data) has a page to turn it",
-}
-FLOAT_WRITERS: dict[str, Callable[[BinaryIO, NDArray[np.floating]], None]] = {
-    ".exr": _write_exr,
-    ".tif": _write_tiff,
-    ".tiff": _write_tiff,
-    ".npy": np.save,
-}

@@ -420,12 +420,12 @@ def _write_gif(frames: Iterator[NDArray[np.uint8]], path: Path, fps: float) -> N
 
 
 def _write_folder(frames: Iterator[NDArray[np.uint8]], path: Path, fps: float) -> None:
-    from .image import _write_png
+    from .pictures import write_png
 
     path.mkdir()
     for number, frame in enumerate(frames):
         with (path / f"{number:04d}.png").open("wb") as file:
-            _write_png(file, frame)
+            write_png(file, frame)
 
 
 def _umask() -> int:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from ..defaults import framed_by
-from ..image import PIXEL_WRITERS
+from ..pictures import ELSEWHERE, FLOAT_WRITERS, PIXEL_WRITERS
 from ..validation import at_most
 from .look import Look
 from .options import Lens, Vector, camera_of
@@ -96,7 +96,6 @@ def _stem(source: str) -> str:
 def _check_output(output: Path, background: str | None) -> None:
     """Says what cannot be written before minutes of rendering, not after."""
     from ..files import known_suffix
-    from ..image import ELSEWHERE, FLOAT_WRITERS
 
     suffix = known_suffix(output, (*PIXEL_WRITERS, *FLOAT_WRITERS), "--output", ELSEWHERE)
     if suffix not in PIXEL_WRITERS and background is not None:
