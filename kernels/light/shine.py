@@ -93,10 +93,10 @@ auto sampled = [&](const Lit& p, vf part, vf* I, vf& weight) __attribute__((noin
     const vf a = 0.5f * p.x, k = p.g * p.m1, b = MAX(a - k, zero), y = p.A * part;
     const vf depth = y < 0.06f ? y * (1.0f + y * (0.5f + y * (1.0f / 3))) : bare(1.0f - y);
     const vf root = __builtin_elementwise_sqrt(MAX(b * b + 2.0f * k * depth, zero));
-    const vf v = MIN(2.0f * depth / (b + root + 1e-30f), zero + 2.0f) - 1.0f, u = p.mid + p.half * v, vv = v * v;
+    const vf s = MIN(2.0f * depth / (b + root + 1e-30f), zero + 2.0f), v = s - 1.0f, u = p.mid + p.half * v;
     const vf w = v * (p.m1 + v * (p.m2 + v * p.m3)) - p.m2 * (1.0f / 3);
-    const vf W = (vv - 1.0f) * (0.5f * p.m1 + v * p.m2 * (1.0f / 3) + (vv + 1.0f) * (0.25f * p.m3));
-    weight = MAX(a + p.g * w, zero) / MAX(root, zero + 1e-30f) * fading(a * (v + 1.0f) + p.g * W - depth);
+    const vf W = s * (s - 2.0f) * (0.5f * p.m1 + v * p.m2 * (1.0f / 3) + (v * v + 1.0f) * (0.25f * p.m3));
+    weight = MAX(a + p.g * w, zero) / MAX(root, zero + 1e-30f) * fading(a * s + p.g * W - depth);
     vf g[3];
     for (int c = 0; c < 3; ++c) g[c] = G[4 * c] + u * (G[4 * c + 1] + u * (G[4 * c + 2] + u * G[4 * c + 3]));
     TOWARDS_CUT
