@@ -26,3 +26,8 @@ auto bits = [](vi a) -> unsigned {
 #define ABSD(a) ((vd)((vq)(a) & 0x7fffffffffffffffLL))
 #define JOIN(a, b) __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15)
 """
+
+
+def apart(text):
+    """A text as a function of its own, once, wherever what has it is called: it is compiled once."""
+    return f"{VECTORS}\nauto apart = [&]() __attribute__((noinline)) {{\n{text}\n}};\napart();\n"

@@ -27,8 +27,9 @@ from .validation import choice, real
 Precision = Literal["auto", "float32", "float64"]
 # Magnitudes that a precision holds, with room for what is computed from them.
 LARGEST = {"float32": 1e30, "float64": 1e100}
-# Scalars of magnitudes from 2**-60 to 2**60 are used as they are; others are counted in another unit.
-ORDINARY = 60
+# Scalars of magnitudes from 2**-30 to 2**30 are used as they are; others are counted in another unit. Cells in single
+# precision hold no more than 1e12 (docs/proof-single.md, S9), and no squares of slopes beyond 1e18.
+ORDINARY = 30
 # Steps along the longest ray: as many as float32 counts.
 MOST_STEPS = 2**24
 

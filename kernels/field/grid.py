@@ -6,6 +6,7 @@ from typing import Any
 from .cell import make_centered, make_cubic, make_extent
 from .cubics import make_centered as make_centered_of
 from .cubics import make_cubics, make_cubics_one_by_one
+from .gradients import make_gradients
 from .narrow import make_narrow
 from .peaks import make_seek
 from .samples import make_differences, make_samples, make_value
@@ -60,3 +61,7 @@ class Grid:
     def narrow(self) -> Any:
         """``narrow`` of ``field.narrow``, of a cell in single precision."""
         return make_narrow(self.dtype)
+
+    def gradients(self, kind: str) -> Any:
+        """``gradients`` of ``field.gradients``, of many cells; ``kind`` is as of ``differences``."""
+        return make_gradients(self.dtype, kind == "central")

@@ -86,7 +86,7 @@ def make_composed(halves):
     absorbed, _ = make_absorbed(real)
     _, interval, _ = make_transfer(real)
     Intensity = intensity_of(real)
-    _, gradient, light, lit, _ = make_shading(halves)
+    _, gradient, light, lit, *_ = make_shading(halves)
 
     @wp.struct
     class Lamp:

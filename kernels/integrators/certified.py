@@ -315,14 +315,13 @@ def make_certified(halves):
                     here.T = T
                     here.blur = blur[l]
                     if single[l]:
+                        segment = (
+                            A[l] * (scene.transfer.value[q] + off[l] * scene.transfer.slope[q])
+                            + V[l] * scene.transfer.slope[q]
+                        )
+                        segment[3] = A[l]
                         if wp.static(lighted):
-                            segment = shone(scene, here, q, A[l])
-                        else:
-                            segment = (
-                                A[l] * (scene.transfer.value[q] + off[l] * scene.transfer.slope[q])
-                                + V[l] * scene.transfer.slope[q]
-                            )
-                            segment[3] = A[l]
+                            segment = shone(scene, here, q, x[l], segment)
                         error = risk[l]
                     else:
                         pieces = int(0)

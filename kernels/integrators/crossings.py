@@ -10,15 +10,17 @@ from functools import cache
 
 import warp as wp
 
+from ..field.gradients import ROWS
+from ..light.points import Lights
+from ..light.shine import rows_of
 from ..transfer.function import make_transfer
 from ..transfer.rows import Rows
-from ..vectors import VECTORS
+from ..vectors import VECTORS, apart
+from .lit import JOBS, MEMBERS, Task, light_text
 from .packet import COLUMNS, FADING, SERIES
-from .pieces import VALUE
+from .series import VALUE
 from .single import DEEPEST, SERIES_ULPS, WIDEST, U
 
-# Cells at a time.
-JOBS = 256
 # Rounding of a scalar on a part, of how it is evaluated and of where it turns, in parts of its coefficients (S13).
 RIPPLE = 2.0**-46
 # Newton's method ends where a residual is so little, in parts of the scalars of a part.
@@ -40,6 +42,7 @@ struct Part {
     int first, last, job;  // the first and the last interval, and the cell
     bool inside;  // it ends in the last
     float blur;  // rounding of the scalar
+    float mid, wide;  // of the cell
     float x, A, color[3], e, pieces;
 };
 const float* __restrict table = rows.row.data;
@@ -93,6 +96,8 @@ for (int j = 0; j < n; ++j) {
         p.m2 = w * w * bend;
         p.m3 = w * w * w * m3;
         p.h = w * half;
+        p.mid = (float)v;
+        p.wide = (float)w;
         p.begin = p.m0 - p.m1 + p.m2 - p.m3;
         p.end = p.m0 + p.m1 + p.m2 + p.m3;
         p.job = j;
@@ -132,6 +137,7 @@ alignas(64) double sum[5][16];
 alignas(64) float error[16], pieces_of[16], blur[16] = {};
 alignas(64) int k[16] = {}, last[16] = {}, inside[16] = {}, steps[16], part[16];
 int next = 0, busy = 0;
+LIT_LANES
 auto take = [&](int l) {
     part[l] = next < number ? next++ : -1;
     const Part& p = parts[part[l] < 0 ? 0 : part[l]];
@@ -147,6 +153,7 @@ auto take = [&](int l) {
     k[l] = p.first; last[l] = idle ? p.first : p.last; inside[l] = -(int)(idle | p.inside); steps[l] = 0;
     for (int i = 0; i < 5; ++i) sum[i][l] = 0.0;
     error[l] = pieces_of[l] = 0.0f;
+    LIT_TAKEN
 };
 if (number) for (int l = 0; l < 16; ++l) take(l);
 while (busy) {
@@ -185,7 +192,7 @@ while (busy) {
         }
     }
     // The piece up to there, or as far as the lane may go.
-    alignas(64) float n[9][16], most[16], worst[16];
+    alignas(64) float n[11][16], most[16], worst[16];
     vf c[8], color[8];
     columns(table, k, c);
     columns(table + 8, k, color);
@@ -204,6 +211,8 @@ while (busy) {
         NARROW(6, (1.0 - stop[b]) * HALF(half));
         NARROW(7, 2.0 * w * HALF(half) * (HALF(value) + (mean - HALF(knot)) * HALF(rate)));
         NARROW(8, w * HALF(half) * HALF(rate));
+        NARROW(9, mid);
+        NARROW(10, w);
     }
 #define WHOLE(i) (*(const vf*)n[i])
     const vf m1 = WHOLE(0), m2 = WHOLE(1), m3 = WHOLE(2), h = WHOLE(3), off = WHOLE(4);
@@ -237,7 +246,7 @@ while (busy) {
     const vf TV = good ? T * thin.V + TA * off : zero;
     add(0, good ? x : zero);
     add(1, TA);
-    for (int i = 0; i < 3; ++i) add(2 + i, TA * color[i] + TV * color[4 + i]);
+    COLORED
     *(vf*)error += good ? T * e : zero;
     *(vf*)pieces_of += good ? zero + 1.0f : zero;
     // On to the next interval, or the next step in this one.
@@ -303,9 +312,38 @@ some[0] = total;
 """
 
 
+# What a lane has of light, what it takes of a part, and what is seen of a piece, without and with.
+DARK = {
+    "LIT_LANES": "",
+    "LIT_TAKEN": "",
+    "COLORED": "for (int i = 0; i < 3; ++i) add(2 + i, TA * color[i] + TV * color[4 + i]);",
+}
+LIT = {
+    "LIT_LANES": f"alignas(64) float gradient_of[{ROWS}][16] = {{}}, mid_of[16] = {{}}, wide_of[16] = {{}};",
+    "LIT_TAKEN": f"""
+    for (int i = 0; i < {ROWS}; ++i) gradient_of[i][l] = *(gradient.data + i * gradient.shape[1] + p.job);
+    mid_of[l] = p.mid;
+    wide_of[l] = p.wide;
+""",
+    "COLORED": """
+    const vf span = *(const vf*)wide_of;
+    Lit p = {x, thin.A, slope, m1, m2, m3, *(const vf*)mid_of + span * WHOLE(9), span * WHOLE(10)};
+    p.V = thin.V;
+    p.off = off;
+    for (int i = 0; i < 8; ++i) p.color[i] = color[i];
+    for (int i = 0; i < LIT_ROWS; ++i) p.gradient[i] = *(const vf*)gradient_of[i];
+    vf shone[3];
+    lit(p, good, T, shone);
+    for (int i = 0; i < 3; ++i) add(2 + i, good ? T * shone[i] : zero);
+""",
+}
+
+
 @cache
-def make_crossings():
-    """``cut(rows, transfer, spend, cubic, which, found, row, pieces)``.
+def make_crossings(lighted=False, clipped=False):
+    """``cut(rows, transfer, spend, cubic, which, found, row, pieces)``; where it is ``lighted``, of rays that clips cut
+    or not, ``cut(rows, transfer, spend, lights, task)``, a ``lit.Task``, and that lights cells as well: compilers take
+    long enough for one of them.
 
     ``which`` (2, n) has how many cells and which they are, and behind that their rays: in the end, of those that are
     left to others. ``cubic`` (6, JOBS) is as of ``field.cubics.make_centered``; ``rows``, ``spend``, ``found`` and
@@ -328,16 +366,28 @@ def make_crossings():
     for name, value in {"RIPPLE": RIPPLE, "CLOSE": CLOSE, "STEPS": STEPS, "JOBS": JOBS}.items():
         text = text.replace(name, repr(value))
 
-    @wp.func_native(VECTORS + FADING + SERIES + COLUMNS + text)
-    def cut(
-        rows: Rows,
-        transfer: Transfer,
-        spend: wp.vec3,
-        cubic: wp.array2d(dtype=wp.float64),
-        which: wp.array2d(dtype=int),
-        found: wp.array2d(dtype=wp.float32),
-        row: wp.array(dtype=int),
-        pieces: wp.array(dtype=int),
-    ): ...
+    for name, code in (LIT if lighted else DARK).items():
+        text = text.replace(name, code)
+    text = text.replace("LIT_ROWS", str(rows_of(clipped)))
+    if lighted:
+        members = "".join(f"auto& {name} = task.{name};\n" for name in MEMBERS)
+        text = apart(FADING + SERIES + COLUMNS + members + light_text(clipped) + text)
+
+        @wp.func_native(text)
+        def cut(rows: Rows, transfer: Transfer, spend: wp.vec3, lights: Lights, task: Task): ...
+
+    else:
+        # The pragma of the first is at the beginning.
+        @wp.func_native(VECTORS + FADING + SERIES + COLUMNS + text)
+        def cut(
+            rows: Rows,
+            transfer: Transfer,
+            spend: wp.vec3,
+            cubic: wp.array2d(dtype=wp.float64),
+            which: wp.array2d(dtype=int),
+            found: wp.array2d(dtype=wp.float32),
+            row: wp.array(dtype=int),
+            pieces: wp.array(dtype=int),
+        ): ...
 
     return cut

@@ -1,25 +1,24 @@
 """Pieces of ray in a cell about their middle: lit, in one interval of the transfer function, or across several.
 
-Light is no polynomial: what it does to a piece is taken from a few points, the more the more the piece adds to the
-pixel and the smaller the tolerance. Opacity, and the bound, know nothing of it.
+Light is no polynomial: what it does to a piece is taken from a few points, the more the more it changes the pixel over
+the tolerance. Opacity, and the bound, know nothing of it.
 """
 
 from functools import cache
 
-import numpy as np
 import warp as wp
 
 from ..field.cell import vec5d, zero
 from ..light.points import make_shading
+from ..light.shine import FEW, MANY, MORE, MUCH, PARTS, rule
 from ..segment import over
 from ..transfer.function import make_transfer
+from .alone import make_lit_piece
+from .lit import in_lanes
 from .pieces import Piece, make_jumps, make_pieces
 from .series import closer, make_series
 
-# Points that a piece is lit in, by what it adds to the pixel over the tolerance: (up to, Gauss-Legendre points).
-# One that adds more, or is deeper, is integrated as ``Exact`` does.
-POINTS = ((1.0, 1), (32.0, 2), (1000.0, 3), (32000.0, 4))
-DEEP = 1.0
+vec6 = wp.types.vector(6, wp.float64)
 
 
 @wp.struct
@@ -58,62 +57,99 @@ def from_start(c: Cubic):
 
 @cache
 def make_shone(halves):
-    """``shone(scene, c, k, A)`` -> lit segment of opacity A of a ``Cubic`` that stays in interval k."""
+    """``shone(scene, c, k, x, segment)`` -> a segment of depth x lit, of a ``Cubic`` that stays in interval k: what
+    ``light.shine`` says of sixteen.
+    """
     real = wp.float64
     Scene = halves.Scene
-    piece, _ = make_pieces(halves)
-    _, gradient, light, lit, _ = make_shading(halves)
-    rules = [np.polynomial.legendre.leggauss(n) for _, n in POINTS]
-    points = wp.constant(
-        wp.types.matrix((4, 4), real)(*np.array([np.pad(x, (0, 4 - len(x))) for x, _ in rules]).ravel())
+    _, _, light, _, factors, bare, towards_cut = make_shading(halves)
+    nodes, shares = (
+        wp.constant(wp.types.vector(FEW + MANY, real)(*a, *b)) for a, b in zip(rule(FEW), rule(MANY), strict=True)
     )
-    weights = wp.constant(
-        wp.types.matrix((4, 4), real)(*np.array([np.pad(w, (0, 4 - len(w))) for _, w in rules]).ravel())
-    )
+    # Where a gradient along a piece is asked for, that is a cubic there: off the ends, at which it may jump.
+    near, far = 0.3, 0.9
 
     @wp.func
-    def shone(scene: Scene, c: Cubic, k: int, A: real):
+    def shone(scene: Scene, c: Cubic, k: int, x: real, segment: wp.vec4d):
+        A = segment[3]
+        one = real(1.0)
         third = real(wp.static(1.0 / 3.0))
-        m0 = c.m[0]
+        tiny = real(1.0e-300)
         m1 = c.m[1]
         m2 = c.m[2]
         m3 = c.m[3]
         slope = scene.transfer.slope[k]
-        value = scene.transfer.value[k] + (m0 - scene.transfer.knot[k]) * slope
-        half = real(0.5) * c.length
-        segment = wp.vec4d()
-        added = c.T * A / scene.march.tolerance
-        if half * value[3] > real(wp.static(0.5 * DEEP)) or added > real(wp.static(POINTS[3][0])):
-            segment = piece(scene, from_start(c), k)
-        elif A > real(0.0):
-            rule = int(0)
-            if added > real(wp.static(POINTS[2][0])):
-                rule = 3
-            elif added > real(wp.static(POINTS[1][0])):
-                rule = 2
-            elif added > real(wp.static(POINTS[0][0])):
-                rule = 1
-            total = real(0.0)
-            for i in range(rule + 1):
-                v = points[rule, i]
-                off = v * (m1 + v * (m2 + v * m3))
-                q = value + off * slope
-                vv = v * v
-                rise = (
-                    real(0.5) * m1 * (vv - real(1.0))
-                    + third * m2 * (vv * v + real(1.0))
-                    + real(0.25) * m3 * (vv * vv - real(1.0))
-                )
-                depth = half * (value[3] * (v + real(1.0)) + slope[3] * rise)
-                weight = weights[rule, i] * wp.max(q[3], real(0.0)) * wp.exp(-depth)
-                p = c.middle + v * half * c.d
-                I = light(scene, p, gradient(scene, p), c.eye)
-                segment += weight * lit(scene, q, k, m0 + off, I)
-                total += weight
-            if total > real(0.0):
-                segment *= A / total
-        segment[3] = A
-        return segment
+        shading = scene.light.shading
+        to = real(0.5) * c.length * c.d
+        a = bare(scene, c.middle - real(far) * to)
+        b = bare(scene, c.middle - real(near) * to)
+        e = bare(scene, c.middle + real(near) * to)
+        f = bare(scene, c.middle + real(far) * to)
+        g0 = (real(9.0) * (b + e) - a - f) / real(16.0)
+        g1 = (a - real(27.0) * (b - e) - f) * real(wp.static(1.0 / 16.0 / far))
+        g2 = (a - b - e + f) * real(wp.static(9.0 / 16.0 / far**2))
+        g3 = (real(3.0) * (b - e) - a + f) * real(wp.static(9.0 / 16.0 / far**3))
+        # How much a unit of light changes at most from the middle on (docs/proof-single.md, S21).
+        size = wp.length(g0)
+        r = wp.length(g1) + wp.length(g2) + wp.length(g3)
+        least = wp.max(size - r, real(0.0))
+        fades = shading.faint / (least * least + shading.faint)
+        turn = wp.min(r / wp.max(size - real(0.5) * r, tiny), one)
+        glints = one
+        if shading.shininess >= one:
+            glints = wp.min(real(1.6) * wp.sqrt(shading.shininess) * turn + fades, one)
+        change = shading.diffuse * wp.min(turn + fades, one) + shading.specular * glints
+        if wp.static(halves.cuts.clipped):
+            if wp.length(c.middle - to - scene.light.cut_point) < one:
+                change = shading.diffuse + shading.specular
+        matters = c.T * A * change / scene.march.tolerance
+        first = int(0)
+        count = int(wp.static(FEW))
+        parts = int(1)
+        if matters > real(wp.static(MUCH)):
+            first = wp.static(FEW)
+            count = wp.static(MANY)
+            while parts < wp.static(PARTS) and matters > real(parts * parts) * real(wp.static(MORE)):
+                parts += 1
+        # Extinction as if it were linear, from its mean and slope in the middle.
+        mid = real(0.5) * x
+        g = real(0.5) * c.length * slope[3]
+        rate = g * m1
+        begin = wp.max(mid - rate, real(0.0))
+        total = real(0.0)
+        moved = real(0.0)
+        mean = vec6()
+        moment = wp.vec3d()
+        for i in range(count * parts):
+            n = first + i % count
+            y = A * (real(i // count) + nodes[n]) / real(parts)
+            depth = -wp.log(wp.max(one - y, tiny))
+            root = wp.sqrt(wp.max(begin * begin + real(2.0) * rate * depth, real(0.0)))
+            v = wp.min(real(2.0) * depth / wp.max(begin + root, tiny), real(2.0)) - one
+            vv = v * v
+            w = v * (m1 + v * (m2 + v * m3)) - third * m2
+            W = (vv - one) * (real(0.5) * m1 + third * v * m2 + real(0.25) * (vv + one) * m3)
+            weight = wp.max(mid + g * w, real(0.0)) / wp.max(root, tiny) * wp.exp(depth - mid * (v + one) - g * W)
+            weight *= shares[n]
+            p = c.middle + v * to
+            gradient = g0 + v * (g1 + v * (g2 + v * g3))
+            if wp.static(halves.cuts.clipped):
+                gradient = towards_cut(scene, p, gradient)
+            I = light(scene, p, gradient, c.eye)
+            of = factors(scene, k, c.m[0] + third * m2 + w)
+            for j in range(3):
+                I[j] = real(shading.ambient) * of[0] + of[1] * I[j]
+                I[3 + j] *= of[2]
+                moment[j] += weight * w * I[j]
+            total += weight
+            moved += weight * w
+            mean += weight * I
+        total = wp.max(total, tiny)
+        result = segment
+        for j in range(3):
+            I0 = mean[j] / total
+            result[j] = I0 * segment[j] + A / total * (slope[j] * (moment[j] - I0 * moved) + mean[3 + j])
+        return result
 
     return shone
 
@@ -128,7 +164,10 @@ def make_cubics(halves):
     Scene = halves.Scene
     _, interval, _ = make_transfer(real)
     piece, _ = make_pieces(halves)
+    lanes = in_lanes(halves)
+    lighted = halves.light is not None and not lanes
     shone = make_shone(halves)
+    lit_piece = make_lit_piece(halves) if lanes else None
     jumps = make_jumps(halves)
     steepest, jump, fuzzy, smeared = jumps.steepest, jumps.jump, jumps.fuzzy, jumps.smeared
     sharp = halves.march.sharp
@@ -163,13 +202,15 @@ def make_cubics(halves):
                 error = real(0.0)
             if wp.static(sharp):
                 error += smeared(scene, k, c.length, A, c.blur)
-            if wp.static(halves.light is not None):
-                segment = shone(scene, c, k, A)
-            elif good:
+            if good:
                 segment = A * value + V * slope
                 segment[3] = A
+                if wp.static(lighted):
+                    segment = shone(scene, c, k, x, segment)
             else:
                 segment = piece(scene, from_start(c), k)
+            if wp.static(lanes):
+                segment = lit_piece(scene, c.middle, c.d, c.length, c.m, k, segment)
         return segment, error
 
     @wp.func

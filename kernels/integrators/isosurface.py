@@ -163,7 +163,7 @@ def make_probe(halves):
     finite = halves.field.finite
     lighted = halves.light is not None
     cubic = halves.field.cubic()
-    eye_of, gradient, light, lit, _ = make_shading(halves)
+    eye_of, gradient, light, lit, *_ = make_shading(halves)
     _, interval, _ = make_transfer(real)
     rounding, unsure = make_rounding(halves)
     _, enter, _, _ = make_walk(real)

@@ -10,11 +10,15 @@ from functools import cache
 import warp as wp
 
 from ..field.cubics import make_placed
+from ..field.gradients import ROWS
 from ..field.strides import STATE, make_gathered, make_strides
 from ..ray import FAR
 from ..transfer.function import make_transfer
-from .crossings import JOBS, make_crossings
+from .crossings import make_crossings
 from .cubics import Cubic, from_start, make_cubics
+from .lit import CELLS as LIT_CELLS
+from .lit import CUT, JOBS, PLACES, Task, in_lanes
+from .lit import SCRATCH as LIT_SCRATCH
 from .packet import make_packet
 from .pieces import make_pieces
 from .single import CELLS, LANES, make_single
@@ -26,7 +30,7 @@ LEFT = 1 / 16
 # Rays at a time, where nothing cuts them.
 RAYS = 16
 # Memory of a thread [bytes].
-SCRATCH = 1 << 17
+SCRATCH = 3 << 16
 
 
 @cache
@@ -54,6 +58,11 @@ def make_double(halves):
         here.middle = origin + (start + h) * d
         here.d = d
         here.length = stop - start
+        if wp.static(in_lanes(halves)):
+            cell = wp.array(ptr=scene.march.scratch + wp.uint64(wp.static(PLACES[0])), shape=(4,), dtype=real)
+            for a in range(3):
+                cell[a] = here.middle[a]
+            cell[3] = h
         p = here.middle - wp.vec3d(real(i), real(j), real(k))
         m = centered(scene.field, i, j, k, p, d, h)
         here.m = m
@@ -111,7 +120,7 @@ def depth_of(A: wp.float64):
 
 @cache
 def make_rays(halves, rays):
-    """``march(scene, lines, results)`` of so many rays at a time, without light; what it counts are cells and pieces.
+    """``march(scene, lines, results)`` of so many rays at a time; what it counts are cells and pieces.
 
     ``lines`` (rays, 9) are the rays' origins, directions, starts and stops, and the transparencies at which they end;
     ``results`` (rays, 6) their colours, opacities, counts and bounds.
@@ -125,12 +134,16 @@ def make_rays(halves, rays):
     cubics = halves.field.cubics(halves.vectors, CELLS)
     measure, compose, failing = make_packet() if halves.vectors else make_single()
     centered = halves.field.centered_of()
-    cut = make_crossings()
+    lighted = in_lanes(halves)
+    cut = make_crossings(lighted, halves.cuts.clipped)
+    gradients = halves.field.gradients(halves.light.gradient) if lighted else None
     room = rays * CELLS + LANES
 
     sizes = (8 * STATE * rays, 8 * room, 16 * room, 28 * room, 24 * room, 4 * room, 28 * CELLS, 8 + 8 * JOBS, 48 * JOBS)
-    at = wp.constant(wp.types.vector(len(sizes), int)(*(sum(sizes[:n]) for n in range(len(sizes)))))
-    assert sum(sizes) <= SCRATCH
+    sizes += (8 + 8 * LANES, 8 * rays)
+    places = [LIT_SCRATCH + sum(sizes[:n]) for n in range(len(sizes) + 1)]
+    at = wp.constant(wp.types.vector(len(places), int)(*places))
+    assert places[-1] <= SCRATCH
 
     @wp.func
     def march(scene: Scene, lines: wp.array2d(dtype=real), results: wp.array2d(dtype=real)):
@@ -151,7 +164,24 @@ def make_rays(halves, rays):
         going = wp.zeros(shape=(rays,), dtype=int)
         begins = wp.zeros(shape=(rays,), dtype=int)
         ends = wp.zeros(shape=(rays,), dtype=int)
-        counts = wp.zeros(shape=(rays,), dtype=int)
+        counts = wp.array(ptr=scene.march.scratch + wp.uint64(at[10]), shape=(rays,), dtype=int)
+        if wp.static(lighted):
+            next = wp.array(ptr=scene.march.scratch + wp.uint64(at[9]), shape=(2, 1 + LANES), dtype=int)
+            to_world = scene.light.shading.to_world
+            ahead = scene.light.shading.ahead
+            task = Task()
+            task.cubic = middle
+            task.which = which
+            task.found = found
+            task.row = row
+            task.pieces = counts
+            task.gradient = wp.array(
+                ptr=scene.march.scratch + wp.uint64(wp.static(PLACES[2])), shape=(ROWS, JOBS), dtype=wp.float32
+            )
+            task.numbers = wp.array(
+                ptr=scene.march.scratch + wp.uint64(wp.static(PLACES[1])), shape=(24,), dtype=wp.float32
+            )
+            task.tolerance = wp.float32(scene.march.tolerance)
         spend = wp.vec3(wp.float32(scene.march.cell), wp.float32(scene.march.along), wp.float32(scene.march.brightest))
         # Further than what single precision has room for (S1): all is cut or in double, which counts it.
         astray = bool(False)
@@ -163,6 +193,7 @@ def make_rays(halves, rays):
         last = int(rays)
         pairs = (last + 1) // 2
         for r in range(last):
+            counts[r] = 0
             if lines[r, 7] > lines[r, 6]:
                 origin = wp.vec3d(lines[r, 0], lines[r, 1], lines[r, 2])
                 d = wp.vec3d(lines[r, 3], lines[r, 4], lines[r, 5])
@@ -207,7 +238,23 @@ def make_rays(halves, rays):
                     clear = lines[r, 8]
                     waits = bool(False)
                     while n < ends[r] and not waits and one - sums[r, 3] >= clear:
-                        n = compose(scene.march.rows, found, row, wp.vec3i(r, n, ends[r]), clear, sums)
+                        until = ends[r]
+                        if wp.static(lighted):
+                            until = wp.min(n + LANES, until)
+                            bare = bool(False)
+                            for l in range(n, until):
+                                bare = bare or row[l] >= 0
+                                next[0, 1 + l - n] = l
+                                next[1, 1 + l - n] = r
+                            if bare:
+                                next[0, 0] = until - n
+                                gradients(scene.field, to_world, ahead, lines, cells, times, next, task.gradient)
+                                task.what = wp.static(LIT_CELLS)
+                                task.clear = wp.float32(one - sums[r, 3])
+                                task.first = n
+                                task.count = until - n
+                                cut(scene.march.rows, scene.transfer, spend, scene.light, task)
+                        n = compose(scene.march.rows, found, row, wp.vec3i(r, n, until), clear, sums)
                         T = one - sums[r, 3]
                         if n < ends[r] and T >= clear:
                             # What the ray was allowed so far and has not spent.
@@ -236,12 +283,22 @@ def make_rays(halves, rays):
                 if wp.static(halves.vectors):
                     if m > 0:
                         centered(scene.field, lines, cells, times, which, ulps, middle)
-                        cut(scene.march.rows, scene.transfer, spend, middle, which, found, row, counts)
+                        if wp.static(lighted):
+                            gradients(scene.field, to_world, ahead, lines, cells, times, which, task.gradient)
+                            task.what = wp.static(CUT)
+                            cut(scene.march.rows, scene.transfer, spend, scene.light, task)
+                        else:
+                            cut(scene.march.rows, scene.transfer, spend, middle, which, found, row, counts)
                 for i in range(which[0, 0]):
                     l = which[0, i + 1]
                     r = which[1, i + 1]
                     origin = wp.vec3d(lines[r, 0], lines[r, 1], lines[r, 2])
                     d = wp.vec3d(lines[r, 3], lines[r, 4], lines[r, 5])
+                    if wp.static(lighted):
+                        next[0, 0] = 1
+                        next[0, 1] = l
+                        next[1, 1] = r
+                        gradients(scene.field, to_world, ahead, lines, cells, times, next, task.gradient)
                     segment, error, pieces = double(scene, origin, d, cells[l], times[0, l], times[1, l])
                     A = wp.min(segment[3], one)
                     found[0, l] = depth_of(A)

@@ -18,6 +18,9 @@ from ..light.points import make_shading
 from ..segment import make_absorbed, over
 from ..transfer.function import make_transfer
 from ..transfer.linear import CUT
+from .alone import make_lit_piece
+from .lit import in_lanes
+from .series import VALUE
 
 # Nodes of the Gauss-Legendre rules, of which a piece takes the first that is exact to ACCURACY at its optical depth; it
 # is cut at multiples of the last one's.
@@ -42,10 +45,6 @@ def deepest(n):
         error = 2 * X * 2 * (X / 4) ** K / factorial(K) / -expm1(-X)
         low, high = (X, high) if error <= ACCURACY else (low, X)
     return low
-
-
-# Rounding of extinction, in parts of the larger one at the ends of its interval (docs/proof.md, lemma 4).
-VALUE = 2.0**-50
 
 
 @wp.struct
@@ -152,8 +151,9 @@ def make_pieces(halves):
     numbers = wp.constant(wp.types.vector(rules, int)(*NODES))
     depths = wp.constant(wp.types.vector(rules, wp.float64)(*map(deepest, NODES)))
     opaque = CUT["float64"]
-    lighted = halves.light is not None
-    _, gradient, light, lit, _ = make_shading(halves)
+    lighted = halves.light is not None and not in_lanes(halves)
+    lit_piece = make_lit_piece(halves) if in_lanes(halves) else None
+    _, gradient, light, lit, *_ = make_shading(halves)
     jumps = make_jumps(halves)
     jump, fuzzy, smeared = jumps.jump, jumps.fuzzy, jumps.smeared
     sharp = halves.march.sharp
@@ -292,6 +292,11 @@ def make_pieces(halves):
                     part.s = moved(s, start)
                     part.length = stop - start
                     added = piece(scene, part, m)
+                    if wp.static(in_lanes(halves)):
+                        h = wp.float64(0.5) * part.length
+                        c = moved(part.s, h)
+                        terms = wp.vec4d(c[0], h * c[1], h * h * c[2], h * h * h * c[3])
+                        added = lit_piece(scene, part.start + h * part.d, part.d, part.length, terms, m, added)
                     if wp.static(sharp):
                         error += smeared(scene, m, part.length, added[3], blur)
                     segment = over(segment, added)

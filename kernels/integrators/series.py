@@ -19,6 +19,8 @@ import warp as wp
 
 # Opacity is a polynomial of degree 9 up to this depth: off by less than the next term, in parts of itself.
 THIN = 0.4
+# Rounding of extinction, in parts of the larger one at the ends of its interval (docs/proof.md, lemma 4).
+VALUE = 2.0**-50
 TRUNCATED = THIN**10 / factorial(10) / (1.0 - exp(-THIN))
 
 

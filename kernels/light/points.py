@@ -158,7 +158,8 @@ class Shader(NamedTuple):
 
     ``eye(scene, direction)`` -> unit vector towards the viewer; ``gradient(scene, p)`` -> that of the field in the
     world; ``light(scene, p, gradient, eye)`` -> intensity; ``lit(scene, q, k, s, I)`` -> colour and extinction q at
-    scalar s of interval k, with intensity I; ``factors(scene, k, s)`` -> ambient, diffuse and specular coefficient.
+    scalar s of interval k, with intensity I; ``factors(scene, k, s)`` -> ambient, diffuse and specular coefficient;
+    ``bare(scene, p)`` -> the gradient as if nothing were cut, and ``towards_cut(scene, p, bare)`` -> as it is.
     """
 
     eye: Any
@@ -166,6 +167,8 @@ class Shader(NamedTuple):
     light: Any
     lit: Any
     factors: Any
+    bare: Any
+    towards_cut: Any
 
 
 @cache
@@ -198,13 +201,17 @@ def make_shading(halves):
         return g
 
     @wp.func
-    def gradient(scene: Scene, p: vec3):
+    def bare(scene: Scene, p: vec3):
         """Scalars per world length; 0 where data are absent."""
         g = differences(scene.field, p)
         if not wp.static(halves.field.finite):
             if not (wp.isfinite(g[0]) and wp.isfinite(g[1]) and wp.isfinite(g[2])):
                 return vec3()
-        g = mat33(scene.light.shading.to_world) @ g
+        return mat33(scene.light.shading.to_world) @ g
+
+    @wp.func
+    def gradient(scene: Scene, p: vec3):
+        g = bare(scene, p)
         if wp.static(halves.cuts.clipped):
             g = towards_cut(scene, p, g)
         return g
@@ -231,7 +238,7 @@ def make_shading(halves):
             q[3],
         )
 
-    return Shader(eye, gradient, light, lit, factors)
+    return Shader(eye, gradient, light, lit, factors, bare, towards_cut)
 
 
 @cache
@@ -243,7 +250,7 @@ def make_point(halves):
     vec3 = vec3_of(real)
     Scene = halves.Scene
     _, interval, classify = make_transfer(real)
-    _, gradient, light, lit, _ = make_shading(halves)
+    _, gradient, light, lit, *_ = make_shading(halves)
 
     @wp.func
     def seen(scene: Scene, s: real, origin: vec3, direction: vec3, t: real, eye: vec3):

@@ -55,7 +55,7 @@ def make_lit(halves):
     _, interval, _ = make_transfer(real)
     _, place, between = make_bilinear(real)
     shares = make_shares(real)
-    _, gradient, light, _, factors = make_shading(halves)
+    _, gradient, light, _, factors, *_ = make_shading(halves)
     surface, shine = make_shine(halves)
 
     @wp.func

@@ -83,7 +83,7 @@ def make_shone_on(halves):
     lighted = halves.light is not None
     Scene = halves.Scene
     _, interval, _ = make_transfer(real)
-    _, gradient, light_of, lit, _ = make_shading(halves)
+    _, gradient, light_of, lit, *_ = make_shading(halves)
 
     @wp.func
     def shone_on(scene: Scene, q: vec4, p: vec3, front: real, back: real, eye: vec3):

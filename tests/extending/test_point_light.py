@@ -11,6 +11,8 @@ from .point_light import PointLight
 RADIUS = 60.0
 CAMERA = wvr.Camera((300, 0, 0), (0, 0, 0), parallel_scale=70.0)
 SIZE = 71
+# A light that adds nothing but that it has a place, so that all is in double precision.
+UNLIT = PointLight((0.0, 0.0, 1000.0), "black")
 
 
 @pytest.fixture(scope="module")
@@ -56,10 +58,13 @@ def test_sphere_is_lit_from_a_place(sphere, place, integrator):
 
 
 def test_far_away_it_is_a_direction(sphere):
+    """By the walk in double precision, which lights with a place ask for, and within the tolerance by that in lanes."""
     direction = np.array([1.0, 2.0, -0.5])
     near, far = (image_of(sphere, PointLight(distance * direction)) for distance in (100.0, 1e9))
-    truth = image_of(sphere, wvr.DirectionalLight(direction))
+    lanes = image_of(sphere, wvr.DirectionalLight(direction))
+    truth = image_of(sphere, [wvr.DirectionalLight(direction), UNLIT])
     assert max_error(far, truth.rgba) < 1e-6 < 1e-2 < max_error(near, truth.rgba)
+    assert max_error(far, lanes.rgba) < 1 / 512
 
 
 def test_far_away_it_scatters_as_a_direction(blobs, smooth_tf):
@@ -74,7 +79,7 @@ def test_far_away_it_scatters_as_a_direction(blobs, smooth_tf):
 def test_lights_of_all_kinds_add_up(sphere):
     lights = [PointLight((150, 40, 30), "red"), wvr.Headlight("lime"), wvr.DirectionalLight((1, 1, 1), "blue")]
     together = image_of(sphere, lights, ambient=0.0)
-    alone = [image_of(sphere, light, ambient=0.0).rgba[..., :3] for light in lights]
+    alone = [image_of(sphere, [light, UNLIT], ambient=0.0).rgba[..., :3] for light in lights]
     assert np.abs(together.rgba[..., :3] - sum(alone)).max() < 1e-5
     assert all(one.max() > 0.2 for one in alone)
 

@@ -247,29 +247,23 @@ def test_nested_surfaces_show_no_jumps():
 def test_light_knows_clips_and_labels(blobs):
     """Two labels of one transfer function are one; two halves of a lit volume are the whole, but for the cut's face."""
     tf = wvr.TransferFunction([(0.1, "red", 0.0), (0.6, "white", 0.4)])
-    camera, lighting = wvr.Camera.fit(blobs, parallel=True), wvr.Lighting()
+    camera = wvr.Camera.fit(blobs, parallel=True)
     labels = wvr.Volume((np.indices(blobs.shape)[0] > 15).astype(np.uint8))
-    whole = wvr.render(blobs, tf, camera, (32, 32), tolerance=1e-4, lighting=lighting)
-    same = wvr.render(
-        blobs,
-        None,
-        camera,
-        (32, 32),
-        tolerance=1e-4,
-        lighting=lighting,
-        segmentation=wvr.Segmentation(labels, {0: tf, 1: tf}),
-    )
-    assert max_error(same, whole.rgba) < 1e-6
+    segmentation = wvr.Segmentation(labels, {0: tf, 1: tf})
+
+    def image(tolerance, **options):
+        seen = None if "segmentation" in options else tf
+        return wvr.render(blobs, seen, camera, (32, 32), tolerance=tolerance, lighting=wvr.Lighting(), **options)
+
+    # By one walk, since at this tolerance all is double; by two, rays end elsewhere within the tolerance.
+    assert max_error(image(1e-5, segmentation=segmentation), image(1e-5).rgba) < 1e-6
+    whole = image(1e-4)
+    assert max_error(image(1e-4, segmentation=segmentation), whole.rgba) < 1e-4
     # A plane that rays run along cuts none of them.
     forward = np.asarray(camera.target) - np.asarray(camera.position)
     across = np.cross(forward, (0, 0, 1))
     point = np.asarray(blobs.corners.mean(axis=0)) + 1e-3 * across
-    halves = [
-        wvr.render(
-            blobs, tf, camera, (32, 32), tolerance=1e-4, lighting=lighting, clip=wvr.ClipPlane(point, side * across)
-        ).rgba
-        for side in (1, -1)
-    ]
+    halves = [image(1e-4, clip=wvr.ClipPlane(point, side * across)).rgba for side in (1, -1)]
     assert max_error(whole, halves[0] + halves[1]) < 1e-6
 
 

@@ -206,7 +206,8 @@ class Certified(Integrator):
 
     def _single(self, scene: Scene) -> bool:
         """Whether most cells may be computed in single precision."""
-        plain = scene.lighting is None and scene.segmentation is None and hasattr(scene.volume.half, "cubics")
+        plain = scene.segmentation is None and hasattr(scene.volume.half, "cubics")
+        plain = plain and (scene.lighting is None or scene.lighting.in_lanes(scene))
         little = SINGLE * scene.brightest <= LITTLE * self.tolerance and self.shown(scene) == "float32"
         return plain and little and max(scene.volume.entire.shape) <= MOST
 

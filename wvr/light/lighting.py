@@ -22,7 +22,10 @@ FAINT = 1e-4
 Mode = Literal["center", "average", "interpolated", "isosurface", "closest-isosurface", "supersampled"]
 MODES: tuple[Mode, ...] = get_args(Mode)
 
-
+# Rounding of light in single precision, of a gradient that does not vanish (docs/proof-single.md, S20), and how much of
+# a tolerance it may be.
+ULPS = 64
+LITTLE = 1 / 2
 # Parts of a segment, each lit: no more differ.
 MOST_PARTS = 4096
 
@@ -108,6 +111,12 @@ class Lighting:
         own = dict.fromkeys(light.half for light in self.lights)
         kinds = (*KINDS, *(half for half in own if half not in KINDS))
         return Lit(kinds, self.mode if segments else "point", self.gradient, scene.material)
+
+    def in_lanes(self, scene: Scene) -> bool:
+        """Whether kernels of single precision know the lights, and rounding is little beside ``tolerance``."""
+        sharp = ULPS * 2.0**-24 * max(self.shininess, 1.0) ** 0.5
+        little = sharp * (self.specular + self.diffuse) <= LITTLE * getattr(scene.integrator, "tolerance", 0.0)
+        return little and not scene.material and self.half(scene, False).kinds == KINDS
 
     def struct(self, scene: Scene, device: wp.Device) -> Any:
         """That of ``kernels.light.points``."""
