@@ -70,3 +70,24 @@ def test_a_dataset_has_no_levels(run):
 def test_without_workers_there_is_no_client():
     with clients(None, None) as client:
         assert client is None
+
+
+def test_a_movie_of_a_store(run, store, tmp_path):
+    options = "--select", "c:1", "--memory-limit", "1GiB", "--frames", "2", "--size", "8x8"
+    code, out, err = run("orbit", store, *options, "--tf", "0:black:0,255:white:0.5", "-o", "a.gif")
+    assert (code, err) == (0, "") and out.startswith("a.gif: 2 images") and (tmp_path / "a.gif").stat().st_size > 0
+
+
+def test_a_store_is_viewed_from_memory(run, store, monkeypatch):
+    seen = []
+
+    def view(volumes, **_):
+        seen.extend(volumes)
+        raise ValueError("that is enough")
+
+    monkeypatch.setattr("wvr.view", view)
+    assert run("view", store, "--select", "c:1", "--no-open-browser")[0] == 2
+    (volume,) = seen
+    assert not volume.stored and np.array_equal(volume.numpy(), DATA)
+    monkeypatch.setattr("wvr.bricks.stored.free_host_memory", lambda: 1.0)
+    assert "take a coarser level" in run("view", store, "--select", "c:1", "--no-open-browser")[2]

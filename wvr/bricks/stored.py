@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..field.base import Field
 from ..keep import Keeper
 from ..kernels.field.grid import Grid
+from ..memory import free_host_memory, gib
 from ..samples import DTYPES, NanPolicy
 from ..validation import choice
 from ..volume import Volume, pose_of
@@ -286,11 +287,24 @@ class StoredVolume(Field):
     def preview(self) -> Volume | None:
         """The same with fewer samples, in memory: the coarsest level of a pyramid; None without one."""
         coarse = self.coarse
-        if coarse is None or coarse.nbytes > PREVIEW:
-            return None
-        last = np.array(coarse.shape[::-1]) - 1
-        samples = coarse.region(np.zeros(3, np.int64), last)
-        volume = Volume(samples, coarse.spacing, coarse.origin, coarse.direction, coarse.nan)
+        return None if coarse is None or coarse.nbytes > PREVIEW else coarse.loaded()
+
+    def loaded(self) -> Volume:
+        """The same with all of its samples in memory.
+
+        Raises
+        ------
+        MemoryError
+            Where there is not enough of it.
+        """
+        if self.nbytes > free_host_memory():
+            raise MemoryError(
+                f"{self.samples.name} takes {gib(self.nbytes)} in memory, of which {gib(free_host_memory())} are free: "
+                f"take a coarser level, if it has some"
+            )
+        last = np.array(self.shape[::-1]) - 1
+        samples = self.region(np.zeros(3, np.int64), last)
+        volume = Volume(samples, self.spacing, self.origin, self.direction, self.nan)
         volume.anatomical = self.anatomical
         return volume
 

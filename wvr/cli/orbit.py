@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -12,6 +12,7 @@ from cyclopts.validators import Number
 from .look import Look
 from .source import Input, check_kept
 from .stages import Stages
+from .stores import Streaming
 
 
 def orbit(
@@ -25,6 +26,7 @@ def orbit(
     turn: float = 360.0,
     look: Look = Look(),  # noqa: B008 - frozen
     reading: Input = Input(),  # noqa: B008 - frozen
+    streaming: Streaming = Streaming(),  # noqa: B008 - frozen
 ) -> None:
     """Make a movie of a way around a volume.
 
@@ -49,11 +51,12 @@ def orbit(
     keywords = look.keywords()
     if output is None:
         output = Path("orbit.mp4" if find_spec("imageio_ffmpeg") else "orbit.gif")
-    with Stages() as stage:
-        volume = reading.load(source, look.nan, stage)
+    with Stages() as stage, streaming.client() as client:
+        volume = streaming.load(source, look.nan) or reading.load(source, look.nan, stage)
         keywords, read = look.of(volume, keywords)
         check_kept(output, volume.files + read)
         stage("rendering")
-        movie = wvr.orbit(volume, frames=frames, output=output, fps=fps, elevation=elevation, turn=turn, **keywords)
+        way: Any = {"frames": frames, "fps": fps, "elevation": elevation, "turn": turn}
+        movie = wvr.orbit(volume, output=output, **way, **keywords, **streaming.options(client))
     width, height = keywords["size"]
     print(f"{movie}: {frames} images of {width} x {height}")

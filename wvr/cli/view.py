@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import suppress
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -13,12 +13,15 @@ from cyclopts.validators import Number
 from .look import Look
 from .source import Input
 from .stages import Stages
+from .stores import Level, Streaming
 
 
 def view(
     *sources: str,
     port: Annotated[int, Parameter(validator=Number(gte=0, lte=65535))] = 0,
     open_browser: Annotated[bool, Parameter(negative="--no-open-browser")] = True,
+    level: Level = None,
+    select: Annotated[tuple[str, ...], Parameter(negative="")] = (),
     look: Look = Look(),  # noqa: B008 - frozen
     reading: Input = Input(),  # noqa: B008 - frozen
 ) -> None:
@@ -35,8 +38,14 @@ def view(
         Of the page; 0 is a free one.
     open_browser
         Whether to open the page in a browser.
+    level
+        Of a store (zarr, OME-Zarr) that is a pyramid, 0 is the finest. All of it is read into memory.
+    select
+        AXIS:INDEX of a store's axes that are not x, y or z: t:0, c:1. May be given several times.
     """
     import wvr
+
+    from ..bricks.stored import StoredVolume
 
     if not sources:
         raise ValueError("give a file, a folder of slices or the name of a dataset")
@@ -44,7 +53,10 @@ def view(
         raise ValueError(f"--size is for images, a page has its own, got {look.size!r}")
     keywords = look.keywords()
     with Stages() as stage:
-        volumes = [reading.load(source, look.nan, stage) for source in sources]
+        stores = Streaming(level=level, select=select)
+        opened = [stores.load(source, look.nan) or reading.load(source, look.nan, stage) for source in sources]
+        stage("reading")
+        volumes: list[Any] = [volume.loaded() if isinstance(volume, StoredVolume) else volume for volume in opened]
         keywords, _ = look.of(volumes[0], keywords)
         del keywords["size"]
         token = os.environ.get("WVR_VIEW_TOKEN") or None
