@@ -88,10 +88,15 @@ def executed() -> Iterator[Row]:
                 image = renderer.render(scene.camera, (PIXELS, PIXELS))
                 with usual():
                     reference = renderer.render(scene.camera, (PIXELS, PIXELS))
+                    exact = scene.renderer(wvr.Exact(), device="cpu").render(scene.camera, (PIXELS, PIXELS))
                 total = sum(launches.values(), Counter())
+                error = np.abs(image.rgba - exact.rgba).max(axis=-1)
+                bounded = image.error_bound is not None
                 yield {
                     "kernel": f"{scene.name} {name}",
                     "off the CPU": float(np.abs(image.rgba - reference.rgba).max()),
+                    "off exact": float(error.max()),
+                    "bounds broken": int(np.sum(error > image.error_bound)) if bounded else None,
                     "instructions": sum(total.values()) / image.samples.size,
                     "float64 [%]": 100 * ptx.float64(total),
                 }
