@@ -13,9 +13,10 @@ from ..field.narrow import FACE_ULPS
 from ..field.ticks import make_ticks, narrowed
 from ..ray import LEAVE
 from ..transfer.rows import number
-from .packed import ASTRAY, LEFT
+from .packed import ASTRAY
 from .parts import make_parts
 from .rowed import make_rowed
+from .single import LEFT
 
 # Compilers for GPUs would convert again from float64, cell by cell, what they can.
 KEPT = """
