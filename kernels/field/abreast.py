@@ -14,7 +14,7 @@ from .strides import FULL, Rays
 
 # Rays abreast, and numbers of each.
 LANES = 16
-STATE = 24
+STATE = 25
 
 LAYOUT = """
 #define GOING(b) __builtin_convertvector(*(const v8i*)(rays.going.data + 8 * (b)) == 1, vq)
@@ -26,7 +26,7 @@ auto bits8 = [](vq a) -> unsigned {
     __builtin_memcpy(&all, &one, 1);
     return all;
 };
-enum { NEAR, GAP = 3, INVERSE = 6, WAY = 9, FLIP = 12, PLACE = 15, TIME, LIMIT, END, TICK, START, OCTANT };
+enum { NEAR, GAP = 3, INVERSE = 6, WAY = 9, STEP = 12, FLIP = 15, PLACE = 18, TIME, LIMIT, END, TICK, START, OCTANT };
 vd* state = (vd*)rays.state.data;  // of eight rays by turns
 """
 
@@ -57,12 +57,13 @@ for (int b = 0; b < LANES / 8; ++b, state += STATE) {
         state[GAP + a] = TRUNC(((moves & (ABSD(inverse) < far)) ? ABSD(inverse) : far) * scale);
         state[INVERSE + a] = 1.0 / MAX(state[GAP + a], (vd){} + 1.0);
         state[WAY + a] = up ? (vd){} + 1.0 : (vd){} - 1.0;
+        state[STEP + a] = (vd)(__builtin_convertvector(state[WAY + a], vq) << (21 * a));
         state[FLIP + a] = (vd)(up ? (vq){} : (vq){} + 3);
         place |= __builtin_convertvector(cell, vq) << (21 * a);
         octant |= up & (1 << a);
     }
     state[PLACE] = (vd)place;
-    state[TIME] = (vd){};
+    state[TIME] = start;
     state[LIMIT] = all - 4.0 * ((double)last[0] + last[1] + last[2] + 6.0);
     state[END] = all;
     state[TICK] = (vd)((exponent - 52) << 52);
@@ -74,15 +75,15 @@ for (int b = 0; b < LANES / 8; ++b, state += STATE) {
 
 STRIDE = """
 // What is found, of eight rays a row.
-enum { ROWS = 2 * CELLS };
 struct Found {
-    vq place[ROWS];
-    vd enter[ROWS], leave[ROWS];
-    uint8_t hits[ROWS];
+    vq place[CELLS];
+    vd enter[CELLS], leave[CELLS];
+    uint8_t hits[CELLS];
 };
+// Of a ray that has ended the next faces are no numbers, so that it stays where it is.
 struct alignas(64) Walk {
-    vd near[3], time, entered;
-    vq place, going, many, octant;
+    vd near[3], time;
+    vq place, going, octant;
     int rows;
 };
 const uint64_t* __restrict seen = (const uint64_t*)blocks.masks.data;
@@ -111,14 +112,13 @@ auto step = [&](Walk& w, const vd* s, Found& found) __attribute__((always_inline
     }
     // The cell that a walk ends in reaches to the end of the ray.
     const vd left = (ends ? s[END] : leave) * s[TICK] + s[START];
-    found.place[w.rows] = p;
-    found.enter[w.rows] = w.entered;
-    found.leave[w.rows] = left;
     const unsigned hits = bits8(hit);
+    found.place[w.rows] = p;
+    found.enter[w.rows] = w.time;
+    found.leave[w.rows] = left;
     found.hits[w.rows] = (uint8_t)hits;
     w.rows += hits != 0;
-    w.many -= hit;
-    w.going &= ~ends;
+    w.time = left;
     if (leaps) {
         // What each has crossed then, by a reciprocal, which is off by one at most.
         vq go = {};
@@ -127,20 +127,23 @@ auto step = [&](Walk& w, const vd* s, Found& found) __attribute__((always_inline
             vd k = TRUNC(way * s[INVERSE + a]);
             const vd over = way - k * s[GAP + a];
             k += over >= s[GAP + a] ? (vd){} + 2.0 : over < 0.0 ? (vd){} : (vd){} + 1.0;
-            k = (w.going & (k > 0.0)) ? k : (vd){};
+            k = k > 0.0 ? k : (vd){};
             w.near[a] += k * s[GAP + a];
             go += __builtin_convertvector(k * s[WAY + a], vq) << (21 * a);
         }
         w.place += go;
     } else
         for (int a = 0; a < 3; ++a) {
-            const vq here = (w.near[a] == leave) & w.going;
+            const vq here = w.near[a] == leave;
             w.near[a] = here ? w.near[a] + s[GAP + a] : w.near[a];
-            w.place += here & (__builtin_convertvector(s[WAY + a], vq) << (21 * a));
+            w.place = here ? w.place + (vq)s[STEP + a] : w.place;
         }
-    w.time = leave;
-    w.entered = left;
-    return bits8(w.going) && !bits8(w.many >= CELLS) && w.rows < ROWS;
+    if (bits8(ends & w.going)) {
+        w.going &= ~ends;
+        for (int a = 0; a < 3; ++a) w.near[a] = ends ? (vd){} + __builtin_nan("") : w.near[a];
+        w.place = ends ? p : w.place;
+    }
+    return w.rows < CELLS && bits8(w.going);
 };
 alignas(64) Found found[LANES / 8];
 Walk walks[LANES / 8];
@@ -148,14 +151,13 @@ bool on[LANES / 8];
 for (int b = 0; b < LANES / 8; ++b) {
     const vd* s = state + STATE * b;
     Walk& w = walks[b];
-    for (int a = 0; a < 3; ++a) w.near[a] = s[NEAR + a];
     w.time = s[TIME];
-    w.entered = w.time * s[TICK] + s[START];
     w.place = (vq)s[PLACE];
-    w.going = GOING(b);
-    w.many = (vq){};
-    w.rows = 0;
     w.octant = (vq)s[OCTANT] * size;
+    w.going = GOING(b);
+    // One that ended by what it has seen, too.
+    for (int a = 0; a < 3; ++a) w.near[a] = w.going ? s[NEAR + a] : (vd){} + __builtin_nan("");
+    w.rows = 0;
     on[b] = bits8(w.going);
 }
 for (bool any = true; any;) {
@@ -169,13 +171,12 @@ for (int r = 0; r < LANES; ++r) {
     const Found& of = found[r >> 3];
     const int l = r & 7, rows = walks[r >> 3].rows;
     rays.first.data[r] = to;
-    if (walks[r >> 3].many[l])
-        for (int i = 0; i < rows; ++i) {
-            cells.data[to] = (uint64_t)of.place[i][l];
-            times.data[to] = of.enter[i][l];
-            times.data[times.shape[1] + to] = of.leave[i][l];
-            to += (of.hits[i] >> l) & 1;
-        }
+    for (int i = 0; i < rows; ++i) {
+        cells.data[to] = (uint64_t)of.place[i][l];
+        times.data[to] = of.enter[i][l];
+        times.data[times.shape[1] + to] = of.leave[i][l];
+        to += (of.hits[i] >> l) & 1;
+    }
     rays.last.data[r] = to;
 }
 for (int b = 0; b < LANES / 8; ++b) {
