@@ -62,7 +62,7 @@ def measure(settings: Settings) -> Result:
         "wvr ends rays at a transparency of 1/1024, its default, and VTK where its fixed point does; NumPy does not.",
         "VTK's time includes drawing its image with OpenGL and reading it back, in 8 bits a channel.",
         f"{NUMPY} has fewer runs, because it is slow.",
-        "OSPRay and C++ end rays where they do; C++ is benchmarks/marcher.cpp, the most that a processor can do by hand.",
+        "C++ is benchmarks/marcher.cpp, about the most that a processor can do, with no bound on the error.",
         *(f"{name}: not available: {reason}." for name, reason in missing.items()),
     ]
     title = f"Peers on the CPU, {wvr.get_num_threads()} threads: {scenes[0].measures}"
