@@ -16,7 +16,7 @@ from rich.console import Console
 from studies.base.harness import STYLE, Settings, markdown, rich_table, save, save_figure
 from wvr.files import write_text
 
-from . import certified, clipping, cold, peers, projections, throughput, viewer
+from . import certified, clipping, cold, kernels, peers, projections, throughput, viewer
 from .gpu import command as gpu
 
 ENTRIES: dict[str, ModuleType] = {
@@ -34,6 +34,7 @@ RECORDED_CHART = "peers.png"
 
 app = App(name="benchmarks", help_format="plaintext")
 app.command(gpu.run, name="gpu")
+app.command(kernels.run, name="kernels")
 
 
 @app.default

@@ -21,17 +21,28 @@ from studies.base.harness import (
     summarize,
     timed,
 )
-from studies.base.peer import NotAvailableError
+from studies.base.ospray_cpu import OsprayCpu
+from studies.base.peer import NotAvailableError, Peer
 from studies.base.vtk_cpu import VtkCpu
 
 from . import numpy_marcher
+from .marcher import Marcher
 from .scenes import CONVERGED, Scene, Truth, make_scenes, truth
 
-INTEGRATORS = (wvr.Riemann(1.0), wvr.Riemann(0.5), wvr.Preintegrated(1.0), wvr.Preintegrated(0.5))
+INTEGRATORS = (
+    wvr.Riemann(1.0),
+    wvr.Riemann(0.5),
+    wvr.Preintegrated(1.0),
+    wvr.Preintegrated(0.5),
+    wvr.Certified(1 / 512),
+)
 BASELINE = "wvr Riemann(1.0)"
 NUMPY = "NumPy and SciPy, step 1"
 # What uint8 samples are multiplied by.
 VTK = {"VTK, uint8, step 1": 1, "VTK, uint16, step 1": 257}
+OSPRAY = "OSPRay scivis, step 1"
+# Steps of the marcher by hand.
+MARCHER = {"C++ AVX-512, step 1": 1.0, "C++ AVX-512, step 0.5": 0.5}
 
 
 def measure(settings: Settings) -> Result:
@@ -51,6 +62,7 @@ def measure(settings: Settings) -> Result:
         "wvr ends rays at a transparency of 1/1024, its default, and VTK where its fixed point does; NumPy does not.",
         "VTK's time includes drawing its image with OpenGL and reading it back, in 8 bits a channel.",
         f"{NUMPY} has fewer runs, because it is slow.",
+        "C++ is benchmarks/marcher.cpp, about the most that a processor can do, with no bound on the error.",
         *(f"{name}: not available: {reason}." for name, reason in missing.items()),
     ]
     title = f"Peers on the CPU, {wvr.get_num_threads()} threads: {scenes[0].measures}"
@@ -78,19 +90,27 @@ def _compare(scene: Scene, settings: Settings, true: Truth, missing: dict[str, s
         renderer = wvr.Renderer(scene.volume, scene.transfer_function, integrator=integrator, device="cpu")
         contenders[name] = contender(name, lambda r=renderer: r.render(scene.camera, scene.size).rgba)  # type: ignore[misc]
     contenders[NUMPY] = contender(NUMPY, lambda: numpy_marcher.render(scene))
+    threads = wvr.get_num_threads()
+    others: dict[str, Callable[[], Peer]] = {
+        **{name: lambda scale=scale: VtkCpu(scene, scale, threads) for name, scale in VTK.items()},  # type: ignore[misc]
+        OSPRAY: lambda: OsprayCpu(scene, threads),
+    }
     with ExitStack() as stack:
-        started = {
-            name: stack.enter_context(VtkCpu(scene, scale, wvr.get_num_threads()))
-            for name, scale in VTK.items()
-            if name not in missing
-        }
-        for name, vtk in started.items():
+        started = {}
+        for name in [*others, *MARCHER]:
             try:
-                vtk.frame()
-                contenders[name] = vtk.frame
+                if name in missing:
+                    continue
+                if name in MARCHER:
+                    marcher = Marcher(scene, MARCHER[name], threads, settings.out)
+                    contenders[name] = contender(name, marcher.render)
+                else:
+                    other = stack.enter_context(others[name]())
+                    other.frame()
+                    started[name], contenders[name] = other, other.frame
             except NotAvailableError as error:
                 missing[name] = str(error)
         # In the first round only: a frame takes as long as dozens of the others.
         times = interleave(contenders, settings.rounds, {NUMPY: settings.rounds})
-        images |= {name: vtk.image() for name, vtk in started.items() if name in contenders}
+        images |= {name: other.image() for name, other in started.items()}
     return summarize(scene.label, times, BASELINE, lambda name, wall: dict(true.errors(images[name])))

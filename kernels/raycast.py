@@ -12,7 +12,8 @@ import warp as wp
 from .bricks.brick import clearing, has, on_grain, owned
 from .cuts.stretches import make_stretches
 from .precision import vec4_of
-from .ray import FAR, LEAVE, View, ending, entry, inside, inverted, line, pixel, place
+from .ray import FAR, LEAVE, TILE, View, ending, entry, inside, inverted, line, pixel, place
+from .rays import reaches
 
 
 @wp.func
@@ -40,23 +41,29 @@ def reach(view: View, x: int, y: int):
 
 @cache
 def make_bound(halves):
-    """``whole(scene, x, y, hit, bound, loose)``: a bound on all of the ray of a pixel, of that on what is along it."""
+    """``around(scene, x, y, hit, loose)`` -> what to add to a bound on what is along the ray of a pixel, so that it
+    holds for all of it, and the largest bound that there need be.
+    """
     Scene = halves.Scene
     edge = halves.march.edge(halves)
 
     @wp.func
-    def whole(scene: Scene, x: int, y: int, hit: bool, bound: wp.float64, loose: wp.float64):
+    def around(scene: Scene, x: int, y: int, hit: bool, loose: wp.float64):
+        off = wp.float64(0.0)
+        cap = FAR
         if loose > wp.float64(0.0):
             most = scene.march.brightest + scene.march.tinted
-            bound += most * wp.min(wp.float64(1.0), scene.march.densest * loose)
+            off = most * wp.min(wp.float64(1.0), scene.march.densest * loose)
+        edges = bool(True)
         if wp.static(halves.brick):
-            if not scene.brick.edges:
-                return bound
-        anchor, along, begin = line(scene.view, x, y)
-        off, cap = edge(scene, anchor, inverted(along), begin, hit)
-        return wp.min(bound + off, cap)
+            edges = scene.brick.edges
+        if edges:
+            anchor, along, begin = line(scene.view, x, y)
+            more, cap = edge(scene, anchor, inverted(along), begin, hit)
+            off += more
+        return off, cap
 
-    return whole
+    return around
 
 
 def outputs(halves):
@@ -113,7 +120,7 @@ def make_raycast(halves):
     Scene = halves.Scene
     march = make_stretches(halves) if halves.cuts.any else halves.march.march(halves)
     bounded = halves.march.bounded
-    whole = make_bound(halves) if bounded else None
+    around = make_bound(halves) if bounded else None
     enter, leave = make_brick_part(halves) if halves.brick else (None, None)
     anchored = getattr(halves.march, "anchored", False)
     put = make_put(halves)
@@ -174,7 +181,8 @@ def make_raycast(halves):
         elif stop > start:
             ray, count, bound = march(scene, point, along, start, stop)
         if wp.static(bounded):
-            total = whole(scene, column, row, stop > start, bound, loose)
+            off, cap = around(scene, column, row, stop > start, loose)
+            total = wp.min(bound + off, cap)
             if wp.static(leaves):
                 total = wp.where(bound >= LEAVE, wp.float64(wp.inf), total)
             bound = total
@@ -189,8 +197,10 @@ def make_raycasts(halves):
     vec4, real = outputs(halves)
     Scene = halves.Scene
     rays = halves.rays
+    assert rays == TILE
     march = halves.march.together(halves)
-    whole = make_bound(halves)
+    limits = halves.march.limits(halves)
+    around = make_bound(halves)
     enter, leave = make_brick_part(halves) if halves.brick else (None, None)
     put = make_put(halves)
 
@@ -212,52 +222,66 @@ def make_raycasts(halves):
             column = scene.brick.column
             row = scene.brick.row
             scene.stretch = 1
-        # Point, direction, start, stop and end of each ray; its composite, count and bound.
+        # Point, direction, start, stop and end of each ray; its composite, count and bound, and what is to be added.
         lines = wp.zeros(shape=(rays, 9), dtype=wp.float64)
-        looseness = wp.zeros(shape=(rays,), dtype=wp.float64)
         results = wp.zeros(shape=(rays, 6), dtype=wp.float64)
-        # Whether a ray is looked at.
-        going = wp.zeros(shape=(rays,), dtype=int)
+        offs = wp.zeros(shape=(rays,), dtype=wp.float64)
+        clear = wp.float64(1.0) - scene.opaque
+        cap = FAR
+        # Rays that are looked at, of a row of a tile: all up to the image's edge, or those of ``going``.
         last = int(rays)
-        for r in range(last):
-            x, y = pixel(scene.view, first + r)
-            looked = y < scene.view.height
-            if wp.static(halves.brick):
-                if looked:
-                    looked = enter(scene, x, y, rgba, bounds)
-            if looked:
+        going = wp.zeros(shape=(rays,), dtype=int)
+        plain = scene.view.ends.shape[0] == 0
+        if wp.static(halves.brick):
+            plain = False
+        if plain:
+            x, y = pixel(scene.view, first)
+            last = wp.where(y < scene.view.height, wp.min(last, scene.view.width - x), 0)
+            if last > 0:
+                most, little, cap = limits(scene)
+                reaches(scene.view, x, y, clear, most, little, lines, offs)
+            for r in range(last):
                 going[r] = 1
-                point, along, start, stop, loose = reach(scene.view, x + column, y + row)
-                clear = wp.float64(1.0) - scene.opaque
+        else:
+            for r in range(last):
+                x, y = pixel(scene.view, first + r)
+                looked = y < scene.view.height
                 if wp.static(halves.brick):
-                    end = stop
-                    start, stop = owned(scene.brick, point, inverted(along), start, stop)
-                    loose = wp.where(has(start, stop, end, loose), loose, wp.float64(0.0))
-                    front = rgba[y, x]
-                    clear = clearing(scene.brick, x, y, front[3], clear)
-                    point -= scene.brick.offset
-                for a in range(3):
-                    lines[r, a] = point[a]
-                    lines[r, 3 + a] = along[a]
-                lines[r, 6] = start
-                lines[r, 7] = stop
-                lines[r, 8] = clear
-                looseness[r] = loose
-        march(scene, lines, results)
+                    if looked:
+                        looked = enter(scene, x, y, rgba, bounds)
+                if looked:
+                    going[r] = 1
+                    point, along, start, stop, loose = reach(scene.view, x + column, y + row)
+                    lines[r, 8] = clear
+                    if wp.static(halves.brick):
+                        end = stop
+                        start, stop = owned(scene.brick, point, inverted(along), start, stop)
+                        loose = wp.where(has(start, stop, end, loose), loose, wp.float64(0.0))
+                        front = rgba[y, x]
+                        lines[r, 8] = clearing(scene.brick, x, y, front[3], clear)
+                        point -= scene.brick.offset
+                    for a in range(3):
+                        lines[r, a] = point[a]
+                        lines[r, 3 + a] = along[a]
+                    lines[r, 6] = start
+                    lines[r, 7] = stop
+                    off, most = around(scene, x + column, y + row, stop > start, loose)
+                    offs[r] = off
+                    cap = most
+        if last > 0:
+            march(scene, lines, results)
         for r in range(last):
             if going[r] != 0:
                 # Cancelled meanwhile or not: its pixel is where it was.
                 x, y = place(scene.view, first + r)
-                hit = lines[r, 7] > lines[r, 6]
                 ray = wp.vec4d()
                 bound = wp.float64(0.0)
-                if hit:
+                if lines[r, 7] > lines[r, 6]:
                     ray = wp.vec4d(results[r, 0], results[r, 1], results[r, 2], results[r, 3])
                     bound = results[r, 5]
                     if wp.static(halves.brick):
                         bound = leave(scene, ray, bound, lines[r, 7] - lines[r, 6])
-                bound = whole(scene, x + column, y + row, hit, bound, looseness[r])
-                put(x, y, rgba, samples, bounds, ray, int(results[r, 4]), bound)
+                put(x, y, rgba, samples, bounds, ray, int(results[r, 4]), wp.min(bound + offs[r], cap))
 
     return raycasts
 

@@ -12,6 +12,7 @@ typedef float v8f __attribute__((vector_size(32), aligned(4)));
 typedef int v8i __attribute__((vector_size(32), aligned(4)));
 typedef double vd __attribute__((vector_size(64), aligned(8)));
 typedef long long vq __attribute__((vector_size(64), aligned(8)));
+typedef bool b8 __attribute__((ext_vector_type(8)));
 typedef bool b16 __attribute__((ext_vector_type(16)));
 const vf zero = {};
 auto bits = [](vi a) -> unsigned {

@@ -7,7 +7,8 @@ too early or too late, the next begins there: the field has no jumps, so what a 
 grid.
 
 Octants say of each block, for each of the eight ways that a ray may go, how far there is nothing to see ahead: the
-number of blocks along each axis of the largest cube with this one in its corner that is empty.
+number of blocks along each axis of the largest cube with this one in its corner that is empty; or that all of its
+cells may be seen.
 """
 
 from functools import cache
@@ -17,8 +18,9 @@ import warp as wp
 from .blocks import Blocks
 from .walk import PACKET, make_gather, make_walk
 
-# How far to look.
+# How far to look, and what is said of a block whose cells may all be seen.
 FARTHEST = 100
+FULL = 255
 
 
 # Row by row, from the far end of the grid on: what the rows ahead say of each place and the one ahead of it, all at a
@@ -52,10 +54,12 @@ for (int64_t a = 0; a < nz; ++a)
             before = before < FARTHEST - 1 ? before : FARTHEST - 1;
         }
     }
+for (int64_t i = 0; i < nz * ny * nx; ++i)
+    if (((const uint64_t*)masks.data)[i] == ~0ULL) all[i] = FULL;
 """
 
 
-@wp.func_native(OCTANTS.replace("FARTHEST", str(FARTHEST)))
+@wp.func_native(OCTANTS.replace("FARTHEST", str(FARTHEST)).replace("FULL", str(FULL)))
 def octant(way: int, masks: wp.array3d(dtype=wp.uint64), octants: wp.array4d(dtype=wp.uint8)): ...
 
 
@@ -66,10 +70,10 @@ def make_octants(base: int, masks: wp.array3d(dtype=wp.uint64), octants: wp.arra
 
 
 # What a walk is at, in words: three axes and what is like them; then when it began to be in a cell, which, and when it
-# ends; its octant, the length of a tick, where it starts, and how many cells it found last.
+# ends; its octant, the length of a tick, and where it starts.
 STATE = 28
 LAYOUT = """
-enum { NEXT, GAP = 4, STEP = 8, FLIP = 12, INVERSE = 16, TIME = 20, PLACE, END, WAY, TICK, START, FOUND, STATE = 28 };
+enum { NEXT, GAP = 4, STEP = 8, FLIP = 12, INVERSE = 16, TIME = 20, PLACE, END, WAY, TICK, START, STATE = 28 };
 """
 
 BEGIN = """
@@ -124,8 +128,7 @@ f[START] = start;
 return true;
 """
 
-# Nothing but what is visited decides a branch. Two rays step in turn, each while the other waits for its numbers, in
-# functions of their own, which have all registers for themselves.
+# Nothing but what is visited decides a branch.
 STRIDE = """
 typedef int64_t word __attribute__((may_alias));
 typedef int64_t v2q __attribute__((vector_size(16), aligned(8), may_alias));
@@ -153,7 +156,7 @@ static constexpr auto step = [](Walk& w, const word* s, const Grid& grid, const 
     const int64_t block = (int64_t)(p >> 44) * grid.nxy + (int64_t)((p >> 23) & 0x7ffff) * grid.nx
         + (int64_t)((p >> 2) & 0x7ffff);
     const int64_t empty = free[block];
-    if (__builtin_expect(empty != 0, 0)) {
+    if (__builtin_expect((uint64_t)(empty - 1) < FARTHEST, 0)) {
         // Faces to cross within the cube of empty blocks, when the ray leaves it, and what it has crossed then, by a
         // reciprocal in double, which is off by one at most.
         const v4q n = __builtin_shufflevector(w.near, w.rest, 0, 1, 2, 3), gap = *(const v4q*)(s + GAP);
@@ -199,59 +202,47 @@ static constexpr auto store = [](const Walk& w, word* s, bool going, word* found
     *(v2q*)(s + NEXT + 2) = w.rest;
     s[TIME] = going ? w.t : s[END];
     s[PLACE] = (int64_t)w.p;
-    s[FOUND] = w.n;
     // The cell that the walk ends in reaches to the end of the ray.
     if (w.n > 0 && found[2 * ROOM + w.n - 1] >= s[NEXT + 3]) found[2 * ROOM + w.n - 1] = s[END];
 };
-auto one = [](word* s, const Grid& grid, word* found) __attribute__((noinline)) {
-    const uint8_t* free = grid.free + s[WAY] * grid.size;
-    Walk w = load(s);
-    bool going = true;
-    while (going && w.n < CELLS) going = step(w, s, grid, free, found);
-    store(w, s, going, found);
-};
-auto two = [](word* s, word* r, const Grid& grid, word* found, word* other) __attribute__((noinline)) {
-    const uint8_t *free = grid.free + s[WAY] * grid.size, *clear = grid.free + r[WAY] * grid.size;
-    Walk w = load(s), v = load(r);
-    bool going = true, on = true;
-    while (going && on && w.n < CELLS && v.n < CELLS) {
-        going = step(w, s, grid, free, found);
-        on = step(v, r, grid, clear, other);
-    }
-    while (going && w.n < CELLS) going = step(w, s, grid, free, found);
-    while (on && v.n < CELLS) on = step(v, r, grid, clear, other);
-    store(w, s, going, found);
-    store(v, r, on, other);
-};
-word* s = (word*)state.data;
-alignas(64) word found[2][3 * ROOM];
-if (pair[1] < 0) one(s + STATE * pair[0], grid, found[0]);
-else two(s + STATE * pair[0], s + STATE * pair[1], grid, found[0], found[1]);
-int to = first;
-for (int i = 0; i < 2 && pair[i] >= 0; ++i) {
-    const word* from = found[i];
-    const double tick = state.data[STATE * pair[i] + TICK], start = state.data[STATE * pair[i] + START];
-    const int n = (int)s[STATE * pair[i] + FOUND];
-    for (int l = 0; l < n; l += 8) {
-        *(vq*)(cells.data + to + l) = *(const vq*)(from + l);
-        for (int a = 0; a < 2; ++a)
-            *(vd*)(times.data + a * times.shape[1] + to + l) =
-                __builtin_convertvector(*(const vq*)(from + (1 + a) * ROOM + l), vd) * tick + start;
-    }
-    to += n;
+word* s = (word*)state.data + STATE * ray;
+alignas(64) word found[3 * ROOM];
+const uint8_t* free = grid.free + s[WAY] * grid.size;
+Walk w = load(s);
+bool going = true;
+while (going && w.n < CELLS) going = step(w, s, grid, free, found);
+store(w, s, going, found);
+const double tick = state.data[STATE * ray + TICK], start = state.data[STATE * ray + START];
+for (int l = 0; l < w.n; l += 8) {
+    *(vq*)(cells.data + first + l) = *(const vq*)(found + l);
+    for (int a = 0; a < 2; ++a)
+        *(vd*)(times.data + a * times.shape[1] + first + l) =
+            __builtin_convertvector(*(const vq*)(found + (1 + a) * ROOM + l), vd) * tick + start;
 }
-return to - first;
+return (int)w.n;
 """
+
+
+@wp.struct
+class Rays:
+    """Several rays on their way."""
+
+    lines: wp.array2d(dtype=wp.float64)  # (n, 9): origin, direction, start, stop, and the transparency at which it ends
+    state: wp.array2d(dtype=wp.float64)  # of the walk
+    going: wp.array(dtype=int)  # 1 as long as there is more to walk, then 0; 2 of one that ended before
+    first: wp.array(dtype=int)  # its next cells: from where,
+    last: wp.array(dtype=int)  # and to where
+    sums: wp.array2d(dtype=wp.float64)  # (n, 5): colour, opacity and bound, so far
+    count: wp.array(dtype=int)  # cells and pieces, so far
 
 
 @cache
 def make_strides(cells):
-    """Of several rays, each by its number: ``begin(last, origin, d, start, end, state, ray)`` -> whether there is
-    anything between start and end; ``stride(blocks, octants, state, pair, cells, times, first)`` -> the number of cells
-    that it found, of either of a pair of rays the next with something to see, ``cells`` at most, or fewer where the
-    stretch ends; of that ``many(state, ray)`` are of a ray, and ``more(state, ray)`` says whether it goes on. They are
-    put into ``cells``, 21 bits an axis, from ``first`` on, where there is room for eight more; ``times`` (2, n) are
-    when the ray enters and leaves them. The second of a pair may be -1, for none.
+    """``begin(last, origin, d, start, end, state, ray)`` -> whether there is anything between start and end;
+    ``stride(blocks, octants, state, ray, cells, times, first)`` -> the number of cells that it found, the next with
+    something to see, ``cells`` at most, or fewer where the stretch ends; ``more(state, ray)`` says whether it goes on.
+    They are put into ``cells``, 21 bits an axis, from ``first`` on, where there is room for eight more; ``times``
+    (2, n) are when the ray enters and leaves them. ``state`` (n, STATE) is of several rays, each by its number.
     """
 
     @wp.func_native(LAYOUT + BEGIN)
@@ -265,12 +256,14 @@ def make_strides(cells):
         ray: int,
     ) -> bool: ...
 
-    @wp.func_native(LAYOUT + STRIDE.replace("CELLS", str(cells)).replace("ROOM", str(cells + 8)))
+    @wp.func_native(
+        LAYOUT + STRIDE.replace("CELLS", str(cells)).replace("ROOM", str(cells + 8)).replace("FARTHEST", str(FARTHEST))
+    )
     def stride(
         blocks: Blocks,
         octants: wp.array4d(dtype=wp.uint8),
         state: wp.array2d(dtype=wp.float64),
-        pair: wp.vec2i,
+        ray: int,
         cells: wp.array(dtype=wp.uint64),
         times: wp.array2d(dtype=wp.float64),
         first: int,
@@ -279,10 +272,7 @@ def make_strides(cells):
     @wp.func_native(LAYOUT + "const int64_t* s = (const int64_t*)state.data + STATE * ray; return s[TIME] < s[END];")
     def more(state: wp.array2d(dtype=wp.float64), ray: int) -> bool: ...
 
-    @wp.func_native(LAYOUT + "return (int)((const int64_t*)state.data)[STATE * ray + FOUND];")
-    def many(state: wp.array2d(dtype=wp.float64), ray: int) -> int: ...
-
-    return begin, stride, more, many
+    return begin, stride, more
 
 
 @cache
@@ -314,8 +304,9 @@ def make_gathered(cells):
         return start < state[ray, 13]
 
     @wp.func
-    def stride_of(
+    def stride(
         blocks: Blocks,
+        octants: wp.array4d(dtype=wp.uint8),
         state: wp.array2d(dtype=wp.float64),
         ray: int,
         cells: wp.array(dtype=wp.uint64),
@@ -347,30 +338,47 @@ def make_gathered(cells):
         for a in range(3):
             state[ray, a] = wp.float64(w.cell[a])
         state[ray, 3] = w.t
-        state[ray, 15] = wp.float64(n)
-        return n
-
-    @wp.func
-    def stride(
-        blocks: Blocks,
-        octants: wp.array4d(dtype=wp.uint8),
-        state: wp.array2d(dtype=wp.float64),
-        pair: wp.vec2i,
-        cells: wp.array(dtype=wp.uint64),
-        times: wp.array2d(dtype=wp.float64),
-        first: int,
-    ):
-        n = stride_of(blocks, state, pair[0], cells, times, first)
-        if pair[1] >= 0:
-            n += stride_of(blocks, state, pair[1], cells, times, first + n)
         return n
 
     @wp.func
     def more(state: wp.array2d(dtype=wp.float64), ray: int):
         return state[ray, 3] < state[ray, 13]
 
-    @wp.func
-    def many(state: wp.array2d(dtype=wp.float64), ray: int):
-        return int(state[ray, 15])
+    return begin, stride, more
 
-    return begin, stride, more, many
+
+@cache
+def make_each(cells, ticks):
+    """``begin(last, rays)`` of ``rays.lines``, and ``stride(blocks, octants, rays, cells, times)`` -> how many cells
+    the next of all rays are that are ``going``, those of each one behind the other.
+    """
+    enter, next, more = (make_strides if ticks else make_gathered)(cells)
+
+    @wp.func
+    def begin(last: wp.vec3i, rays: Rays):
+        for r in range(rays.going.shape[0]):
+            origin = wp.vec3d(rays.lines[r, 0], rays.lines[r, 1], rays.lines[r, 2])
+            d = wp.vec3d(rays.lines[r, 3], rays.lines[r, 4], rays.lines[r, 5])
+            rays.going[r] = 0
+            if rays.lines[r, 7] > rays.lines[r, 6]:
+                if enter(last, origin, d, rays.lines[r, 6], rays.lines[r, 7], rays.state, r):
+                    rays.going[r] = 1
+
+    @wp.func
+    def stride(
+        blocks: Blocks,
+        octants: wp.array4d(dtype=wp.uint8),
+        rays: Rays,
+        cells: wp.array(dtype=wp.uint64),
+        times: wp.array2d(dtype=wp.float64),
+    ):
+        total = int(0)
+        for r in range(rays.going.shape[0]):
+            rays.first[r] = total
+            if rays.going[r] == 1:
+                total += next(blocks, octants, rays.state, r, cells, times, total)
+                rays.going[r] = wp.where(more(rays.state, r), 1, 0)
+            rays.last[r] = total
+        return total
+
+    return begin, stride

@@ -275,7 +275,7 @@ def make_walked(halves):
 def make_packed(halves):
     """The same in single precision, where cubics are computed in vectors."""
     Scene = halves.Scene
-    begin, stride, more, _ = make_strides(CELLS)
+    begin, stride, more = make_strides(CELLS)
     placed = make_placed(True)
     cubics = halves.field.cubics(True, CELLS)
     eye_of = make_shading(halves).eye
@@ -298,7 +298,7 @@ def make_packed(halves):
         cubic = wp.zeros(shape=(7, CELLS), dtype=wp.float32)
         going = begin(scene.field.last, origin, direction, start, stop, state, 0)
         while going and ray[3] <= scene.opaque:
-            n = stride(scene.blocks, scene.march.octants, state, wp.vec2i(0, -1), cells, times, 0)
+            n = stride(scene.blocks, scene.march.octants, state, 0, cells, times, 0)
             going = more(state, 0)
             if n > 0:
                 placed(origin, direction, cells, times, 0, n, where)

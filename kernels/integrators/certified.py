@@ -86,6 +86,25 @@ class Half:
     def edge(self, halves):
         return make_edge(halves)
 
+    def limits(self, halves):
+        return make_limits(halves)
+
+
+@cache
+def make_limits(halves):
+    """``limits(scene)`` -> what a unit of length of a ray may change, a bound that is little beside the tolerance, and
+    the largest that there need be: both images have colours between 0 and the brightest, this one but for series and
+    rounding.
+    """
+    Scene = halves.Scene
+
+    @wp.func
+    def limits(scene: Scene):
+        cap = scene.march.brightest + wp.float64(2.0) * scene.march.tolerance + scene.march.veiled
+        return scene.march.brightest * scene.march.densest, wp.float64(1.0e-6) * scene.march.tolerance, cap
+
+    return limits
+
 
 @cache
 def make_edge(halves):
@@ -94,14 +113,13 @@ def make_edge(halves):
     largest bound that there need be.
     """
     Scene = halves.Scene
+    limits = make_limits(halves)
     zero = wp.float64(0.0)
 
     @wp.func
     def edge(scene: Scene, anchor: wp.vec3d, inverse: wp.vec3d, first: wp.float64, hit: bool):
         view = scene.view
-        most = scene.march.brightest * scene.march.densest
-        # Both images have colours between 0 and the brightest, this one but for series and rounding.
-        cap = scene.march.brightest + wp.float64(2.0) * scene.march.tolerance + scene.march.veiled
+        most, little, cap = limits(scene)
         e = wp.float64(2.0) * view.astray
         least = wp.float64(1.0)
         steepest = wp.float64(1.0)
@@ -110,7 +128,7 @@ def make_edge(halves):
             steepest = wp.where(size > steepest, size, steepest)
             least = wp.where(size < least, size, least)
         bound = wp.float64(6.0) * most * e * steepest
-        if hit and least > zero and bound < wp.float64(1.0e-6) * scene.march.tolerance:
+        if hit and least > zero and bound < little:
             return bound, cap
         # Where there is something to see up to a face of the box, up to which of both sides of it?
         low = view.seen_low

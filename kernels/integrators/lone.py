@@ -13,9 +13,28 @@ from ..field.narrow import FACE_ULPS
 from ..field.ticks import make_ticks, narrowed
 from ..ray import LEAVE
 from ..transfer.rows import number
-from .packed import ASTRAY, LEFT
+from .packed import ASTRAY
 from .parts import make_parts
 from .rowed import make_rowed
+from .single import LEFT
+
+# Compilers for GPUs would convert again from float64, cell by cell, what they can.
+KEPT = """
+#ifdef __CUDA_ARCH__
+asm volatile("" : "+f"(x));
+#endif
+return x;
+"""
+
+
+@wp.func_native(KEPT)
+def kept(x: wp.float32) -> wp.float32: ...
+
+
+@wp.func
+def once(x: wp.float64):
+    """In single precision, for a whole ray."""
+    return kept(wp.float32(x))
 
 
 @wp.struct
@@ -69,9 +88,9 @@ def make_lone(halves):
 
     @wp.func
     def march(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, begin: wp.float64, end: wp.float64):
-        spend = wp.vec3(wp.float32(scene.march.cell), wp.float32(scene.march.along), wp.float32(scene.march.brightest))
-        clear = real(wp.float64(1.0) - scene.opaque)
-        d = wp.vec3(direction)
+        spend = wp.vec3(once(scene.march.cell), once(scene.march.along), wp.float32(scene.march.brightest))
+        clear = once(wp.float64(1.0) - scene.opaque)
+        d = wp.vec3(once(direction[0]), once(direction[1]), once(direction[2]))
         walk = enter(scene.field.last, origin, direction, begin, end)
         # In double precision there is nothing but that and the direction.
         start = origin + begin * direction

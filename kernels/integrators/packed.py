@@ -9,10 +9,11 @@ from functools import cache
 
 import warp as wp
 
+from ..field.abreast import LANES as ABREAST
+from ..field.abreast import make_abreast
 from ..field.cubics import make_placed
 from ..field.gradients import ROWS
-from ..field.strides import STATE, make_gathered, make_strides
-from ..ray import FAR
+from ..field.strides import STATE, Rays, make_each
 from ..transfer.function import make_transfer
 from .crossings import make_crossings
 from .cubics import Cubic, from_start, make_cubics
@@ -25,8 +26,6 @@ from .single import CELLS, LANES, make_single
 
 # How far a ray may be astray for cells in single precision [index coordinates].
 ASTRAY = 2.0**-23
-# A cell may have so much of what its ray has left.
-LEFT = 1 / 16
 # Rays at a time, where nothing cuts them.
 RAYS = 16
 # Memory of a thread [bytes].
@@ -129,18 +128,19 @@ def make_rays(halves, rays):
     Scene = halves.Scene
     sharp = halves.march.sharp
     double = make_double(halves)
-    begin, stride, more, many = (make_strides if halves.march.ticks and halves.vectors else make_gathered)(CELLS)
+    ticks = halves.march.ticks and halves.vectors
+    begin, stride = make_abreast(CELLS) if ticks and rays == ABREAST else make_each(CELLS, ticks)
+    lighted = in_lanes(halves)
     placed = make_placed(halves.vectors)
     cubics = halves.field.cubics(halves.vectors, CELLS)
-    measure, compose, failing = make_packet() if halves.vectors else make_single()
+    measure, compose = make_packet(lighted) if halves.vectors else make_single()
     centered = halves.field.centered_of()
-    lighted = in_lanes(halves)
     cut = make_crossings(lighted, halves.cuts.clipped)
     gradients = halves.field.gradients(halves.light.gradient) if lighted else None
     room = rays * CELLS + LANES
 
     sizes = (8 * STATE * rays, 8 * room, 16 * room, 28 * room, 24 * room, 4 * room, 28 * CELLS, 8 + 8 * JOBS, 48 * JOBS)
-    sizes += (8 + 8 * LANES, 8 * rays)
+    sizes += (8 + 8 * LANES, 16 * rays, 40 * rays)
     places = [LIT_SCRATCH + sum(sizes[:n]) for n in range(len(sizes) + 1)]
     at = wp.constant(wp.types.vector(len(places), int)(*places))
     assert places[-1] <= SCRATCH
@@ -148,7 +148,15 @@ def make_rays(halves, rays):
     @wp.func
     def march(scene: Scene, lines: wp.array2d(dtype=real), results: wp.array2d(dtype=real)):
         one = real(1.0)
-        state = wp.array(ptr=scene.march.scratch + wp.uint64(at[0]), shape=(rays, STATE), dtype=real)
+        these = Rays()
+        these.lines = lines
+        these.state = wp.array(ptr=scene.march.scratch + wp.uint64(at[0]), shape=(rays, STATE), dtype=real)
+        numbers = scene.march.scratch + wp.uint64(at[10])
+        these.going = wp.array(ptr=numbers, shape=(rays,), dtype=int)
+        these.first = wp.array(ptr=numbers + wp.uint64(4 * rays), shape=(rays,), dtype=int)
+        these.last = wp.array(ptr=numbers + wp.uint64(8 * rays), shape=(rays,), dtype=int)
+        these.count = wp.array(ptr=numbers + wp.uint64(12 * rays), shape=(rays,), dtype=int)
+        these.sums = wp.array(ptr=scene.march.scratch + wp.uint64(at[11]), shape=(rays, 5), dtype=real)
         # Cells of all rays, one behind the other.
         cells = wp.array(ptr=scene.march.scratch + wp.uint64(at[1]), shape=(room,), dtype=wp.uint64)
         times = wp.array(ptr=scene.march.scratch + wp.uint64(at[2]), shape=(2, room), dtype=real)
@@ -159,12 +167,6 @@ def make_rays(halves, rays):
         # And those that are cut.
         which = wp.array(ptr=scene.march.scratch + wp.uint64(at[7]), shape=(2, 1 + JOBS), dtype=int)
         middle = wp.array(ptr=scene.march.scratch + wp.uint64(at[8]), shape=(6, JOBS), dtype=real)
-        # Of each ray what it comes to, whether it goes on, which of its cells are next, and what it counts.
-        sums = wp.zeros(shape=(rays, 5), dtype=real)
-        going = wp.zeros(shape=(rays,), dtype=int)
-        begins = wp.zeros(shape=(rays,), dtype=int)
-        ends = wp.zeros(shape=(rays,), dtype=int)
-        counts = wp.array(ptr=scene.march.scratch + wp.uint64(at[10]), shape=(rays,), dtype=int)
         if wp.static(lighted):
             next = wp.array(ptr=scene.march.scratch + wp.uint64(at[9]), shape=(2, 1 + LANES), dtype=int)
             to_world = scene.light.shading.to_world
@@ -174,7 +176,7 @@ def make_rays(halves, rays):
             task.which = which
             task.found = found
             task.row = row
-            task.pieces = counts
+            task.pieces = these.count
             task.gradient = wp.array(
                 ptr=scene.march.scratch + wp.uint64(wp.static(PLACES[2])), shape=(ROWS, JOBS), dtype=wp.float32
             )
@@ -191,37 +193,21 @@ def make_rays(halves, rays):
             ulps = wp.vec2d(scene.march.ulps[0], scene.march.ulps[1] + real(3.0) * scene.view.astray)
             astray = scene.view.astray > real(ASTRAY)
         last = int(rays)
-        pairs = (last + 1) // 2
         for r in range(last):
-            counts[r] = 0
-            if lines[r, 7] > lines[r, 6]:
-                origin = wp.vec3d(lines[r, 0], lines[r, 1], lines[r, 2])
-                d = wp.vec3d(lines[r, 3], lines[r, 4], lines[r, 5])
-                if begin(scene.field.last, origin, d, lines[r, 6], lines[r, 7], state, r):
-                    going[r] = 1
+            these.count[r] = 0
+            for a in range(5):
+                these.sums[r, a] = real(0.0)
+        begin(scene.field.last, these)
         total = int(1)
         while total > 0:
             # The next cells of all rays that go on.
-            total = int(0)
-            for i in range(pairs):
-                # Of two rays at a time.
-                pair = wp.vec2i(-1, -1)
-                for r in range(2 * i, wp.min(2 * i + 2, last)):
-                    if going[r] != 0 and one - sums[r, 3] >= lines[r, 8]:
-                        pair[wp.where(pair[0] < 0, 0, 1)] = r
-                if pair[0] >= 0:
-                    stride(scene.blocks, scene.march.octants, state, pair, cells, times, total)
-                for r in range(2 * i, wp.min(2 * i + 2, last)):
-                    begins[r] = total
-                    if r == pair[0] or r == pair[1]:
-                        going[r] = wp.where(more(state, r), 1, 0)
-                        n = many(state, r)
-                        if n > 0:
-                            origin = wp.vec3d(lines[r, 0], lines[r, 1], lines[r, 2])
-                            d = wp.vec3d(lines[r, 3], lines[r, 4], lines[r, 5])
-                            placed(origin, d, cells, times, total, n, where)
-                            total += n
-                    ends[r] = total
+            total = stride(scene.blocks, scene.march.octants, these, cells, times)
+            for r in range(last):
+                n = these.last[r] - these.first[r]
+                if n > 0:
+                    origin = wp.vec3d(lines[r, 0], lines[r, 1], lines[r, 2])
+                    d = wp.vec3d(lines[r, 3], lines[r, 4], lines[r, 5])
+                    placed(origin, d, cells, times, these.first[r], n, where)
             for first in range(0, total, CELLS):
                 n = wp.min(total - first, CELLS)
                 cubics(scene.field, cells, where, first, n, cubic)
@@ -232,15 +218,11 @@ def make_rays(halves, rays):
             m = int(1)
             while m > 0:
                 # Each goes on until some of its next cells are to be cut.
-                m = int(0)
-                for r in range(last):
-                    n = begins[r]
-                    clear = lines[r, 8]
-                    waits = bool(False)
-                    while n < ends[r] and not waits and one - sums[r, 3] >= clear:
-                        until = ends[r]
-                        if wp.static(lighted):
-                            until = wp.min(n + LANES, until)
+                if wp.static(lighted):
+                    for r in range(last):
+                        n = these.first[r]
+                        until = wp.min(n + LANES, these.last[r])
+                        if one - these.sums[r, 3] >= lines[r, 8]:
                             bare = bool(False)
                             for l in range(n, until):
                                 bare = bare or row[l] >= 0
@@ -250,36 +232,11 @@ def make_rays(halves, rays):
                                 next[0, 0] = until - n
                                 gradients(scene.field, to_world, ahead, lines, cells, times, next, task.gradient)
                                 task.what = wp.static(LIT_CELLS)
-                                task.clear = wp.float32(one - sums[r, 3])
+                                task.clear = wp.float32(one - these.sums[r, 3])
                                 task.first = n
                                 task.count = until - n
                                 cut(scene.march.rows, scene.transfer, spend, scene.light, task)
-                        n = compose(scene.march.rows, found, row, wp.vec3i(r, n, until), clear, sums)
-                        T = one - sums[r, 3]
-                        if n < ends[r] and T >= clear:
-                            # What the ray was allowed so far and has not spent.
-                            left = scene.march.cell * sums[r, 3] + scene.march.along * (times[0, n] - lines[r, 6])
-                            left = real(0.999) * (left - sums[r, 4]) / T
-                            if astray:
-                                left = -FAR
-                            stop = wp.min(n + LANES, ends[r])
-                            l = failing(row, n, stop)
-                            while l < stop:
-                                share = scene.march.cell * real(found[1, l])
-                                share += scene.march.along * (times[1, l] - times[0, l])
-                                over = real(found[4, l]) - share
-                                if over <= real(LEFT) * left:
-                                    left -= over
-                                    row[l] = -2 - row[l]
-                                else:
-                                    m += 1
-                                    which[0, m] = l
-                                    which[1, m] = r
-                                    waits = True
-                                l = failing(row, l + 1, stop)
-                    counts[r] = counts[r] + n - begins[r]
-                    begins[r] = n
-                which[0, 0] = m
+                m = compose(scene.march.rows, these, times, found, row, spend, astray, which)
                 if wp.static(halves.vectors):
                     if m > 0:
                         centered(scene.field, lines, cells, times, which, ulps, middle)
@@ -288,7 +245,7 @@ def make_rays(halves, rays):
                             task.what = wp.static(CUT)
                             cut(scene.march.rows, scene.transfer, spend, scene.light, task)
                         else:
-                            cut(scene.march.rows, scene.transfer, spend, middle, which, found, row, counts)
+                            cut(scene.march.rows, scene.transfer, spend, middle, which, found, row, these.count)
                 for i in range(which[0, 0]):
                     l = which[0, i + 1]
                     r = which[1, i + 1]
@@ -308,15 +265,16 @@ def make_rays(halves, rays):
                     found[4, l] = wp.float32(error)
                     found[5, l] = wp.float32(segment[2])
                     row[l] = -1
-                    counts[r] = counts[r] + pieces
-            for r in range(last):
-                if begins[r] < ends[r]:
-                    # It ended before them.
-                    going[r] = 1
+                    these.count[r] = these.count[r] + pieces
+                if wp.static(lighted):
+                    # And those of which the next cells have no light yet.
+                    for r in range(last):
+                        if these.first[r] < these.last[r] and one - these.sums[r, 3] >= lines[r, 8]:
+                            m += 1
         for r in range(last):
-            T = one - sums[r, 3]
-            bound = sums[r, 4] + sums[r, 3] * scene.march.tinted + real(counts[r]) * scene.march.sum
-            if going[r] != 0 or (wp.static(halves.cuts.any) and T < lines[r, 8]):
+            T = one - these.sums[r, 3]
+            bound = these.sums[r, 4] + these.sums[r, 3] * scene.march.tinted + real(these.count[r]) * scene.march.sum
+            if these.going[r] != 0 or (wp.static(halves.cuts.any) and T < lines[r, 8]):
                 # What is behind is not visited; nor is, of a ray that is cut, what is behind this stretch.
                 bound += wp.max(T, real(0.0)) * scene.march.brightest
             if scene.stretch == 0:
@@ -325,8 +283,8 @@ def make_rays(halves, rays):
                 if not wp.static(sharp):
                     bound += wp.max(scene.view.astray - scene.march.allowed, real(0.0)) * scene.march.astray
             for a in range(4):
-                results[r, a] = sums[r, a]
-            results[r, 4] = real(counts[r])
+                results[r, a] = these.sums[r, a]
+            results[r, 4] = real(these.count[r])
             results[r, 5] = bound
 
     return march

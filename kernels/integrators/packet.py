@@ -5,13 +5,14 @@ from functools import cache
 import warp as wp
 
 from ..field.blocks import Blocks
+from ..field.strides import Rays
 from ..transfer.rows import Rows
 from ..vectors import VECTORS
 from . import single
 from .single import CELLS
 
 # Constants that a text has by their names.
-NAMES = ("OFFSET_ULPS", "SIGN_ULPS", "DEPTH_ULPS", "SERIES_ULPS", "WIDEST", "DEEPEST")
+NAMES = ("LEFT", "OFFSET_ULPS", "SIGN_ULPS", "DEPTH_ULPS", "SERIES_ULPS", "WIDEST", "DEEPEST")
 
 FADING = """
 // exp(-y) of y >= 0 (S10).
@@ -210,84 +211,117 @@ for (int u = 0; u < some[1]; u += 16) {
 """
 )
 
-# Sixteen cells at a time, behind those that ``sums`` has.
+# Of each ray sixteen cells at a time, behind those that ``sums`` has.
 COMPOSE = (
     VECTORS
     + FADING
     + """
 const float* __restrict table = rows.row.data;
 const int64_t room = found.shape[1];
-const int stop = some[2];
-double* total = sums.data + 5 * some[0];
+const double share = spend[0], along = spend[1];
+int* some = which.data;
+int *firsts = rays.first.data, *lasts = rays.last.data, *states = rays.going.data, *counts = rays.count.data;
+int* rows_of = row.data;
+const double* time = times.data;
+int listed = 0;
 const vi lane = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
-int at = some[1];
-for (; at < stop && 1.0 - total[3] >= clear; at += 16) {
-    const int n = MIN(stop - at, 16);
-    const vi mine = lane < n;
-    vi k = *(const vi*)(row.data + at);
-    if (bits((k < -1) & mine)) return at;
-    k = mine ? k : k[0];
-    const float* in = found.data + at;
-    auto of = [&](int i) -> vf { return mine ? *(const vf*)(in + i * room) : zero; };
-    const vf x = of(0), A = of(1), V = of(2), off = of(3), e = of(4);
-    // Transparency before each: prefix sums of depth (S11).
-    vf p = x;
-    p += __builtin_shufflevector(p, zero, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14);
-    p += __builtin_shufflevector(p, zero, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13);
-    p += __builtin_shufflevector(p, zero, 16, 16, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11);
-    p += __builtin_shufflevector(p, zero, 16, 16, 16, 16, 16, 16, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7);
-    const vf T = fading(__builtin_shufflevector(p, zero, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14));
-    auto sum = [](vf a) -> float {
-        const v8f b = __builtin_shufflevector(a, a, 0, 1, 2, 3, 4, 5, 6, 7)
-            + __builtin_shufflevector(a, a, 8, 9, 10, 11, 12, 13, 14, 15);
-        v4f c = __builtin_shufflevector(b, b, 0, 1, 2, 3) + __builtin_shufflevector(b, b, 4, 5, 6, 7);
-        c += __builtin_shufflevector(c, c, 2, 3, 0, 1);
-        return c[0] + c[1];
-    };
-    const vf TA = T * A, TV = T * V + TA * off;
-    v4f color = {}, other = {};
-    if (__builtin_reduce_and(k == k[0]) && k[0] >= 0) {
-        const float* a = table + 16 * (int64_t)k[0];
-        color = sum(TA) * *(const v4f*)(a + 8) + sum(TV) * *(const v4f*)(a + 12);
-    } else {
-        alignas(64) float ta[16], tv[16], t[16];
-        *(vf*)ta = TA;
-        *(vf*)tv = TV;
-        *(vf*)t = T;
-        alignas(64) int r[16];
-        *(vi*)r = k;
-        for (int l = 0; l < n; l += 2) {
-            if (__builtin_expect((r[l] | r[l + 1]) >= 0, 1)) {
-                const float *a = table + 16 * (int64_t)r[l], *b = table + 16 * (int64_t)r[l + 1];
-                color += ta[l] * *(const v4f*)(a + 8) + tv[l] * *(const v4f*)(a + 12);
-                other += ta[l + 1] * *(const v4f*)(b + 8) + tv[l + 1] * *(const v4f*)(b + 12);
-            } else
-                for (int m = l; m < MIN(l + 2, n); ++m) {
-                    const float* a = table + 16 * (int64_t)r[m];
-                    // Of a cell that was cut, its colour is in place of what others have.
-                    if (r[m] < 0) color += t[m] * (v4f){in[2 * room + m], in[3 * room + m], in[5 * room + m], 0.0f};
-                    else color += ta[m] * *(const v4f*)(a + 8) + tv[m] * *(const v4f*)(a + 12);
+auto sum = [](vf a) -> float {
+    const v8f b = __builtin_shufflevector(a, a, 0, 1, 2, 3, 4, 5, 6, 7)
+        + __builtin_shufflevector(a, a, 8, 9, 10, 11, 12, 13, 14, 15);
+    v4f c = __builtin_shufflevector(b, b, 0, 1, 2, 3) + __builtin_shufflevector(b, b, 4, 5, 6, 7);
+    c += __builtin_shufflevector(c, c, 2, 3, 0, 1);
+    return c[0] + c[1];
+};
+for (int ray = 0; ray < rays.going.shape[0]; ++ray) {
+    double* total = rays.sums.data + 5 * ray;
+    const double *line = rays.lines.data + 9 * ray, clear = line[8];
+    int at = firsts[ray];
+    const int stop = LIGHTED ? MIN(at + 16, lasts[ray]) : lasts[ray];
+    for (; at < stop && 1.0 - total[3] >= clear; at += 16) {
+        const int n = MIN(stop - at, 16);
+        const vi mine = lane < n;
+        const float* in = found.data + at;
+        auto of = [&](int i) -> vf { return mine ? *(const vf*)(in + i * room) : zero; };
+        const vf A = of(1), e = of(4);
+        const double front = 1.0 - total[3];
+        vi k = mine ? *(const vi*)(rows_of + at) : (vi){} + rows_of[at];
+        if (bits(k < -1)) {
+            // So much each of what the ray was allowed so far and has not spent, as long as there is anything.
+            const double left = share * total[3] + along * (time[at] - line[6]) - total[4];
+            const float most = astray ? -__builtin_inff() : (float)((LEFT) * 0.999 * left / front);
+            v8f long8[2];
+            for (int b = 0; b < 2; ++b) {
+                const double* t = time + at + 8 * b;
+                long8[b] = __builtin_convertvector(*(const vd*)(t + times.shape[1]) - *(const vd*)t, v8f);
+            }
+            const vf over = e - (spend[0] * A + spend[1] * JOIN(long8[0], long8[1]));
+            const vi spent = (k < -1) & (over <= most);
+            k = spent ? -2 - k : k;
+            const unsigned left_over = bits((k < -1) & mine);
+            *(vi*)(rows_of + at) = mine ? k : *(const vi*)(rows_of + at);
+            // Those that are spent have no light yet.
+            if (left_over | (LIGHTED && bits(spent & mine))) {
+                for (unsigned rest = left_over; rest; rest &= rest - 1) {
+                    ++listed;
+                    some[listed] = at + __builtin_ctz(rest);
+                    some[which.shape[1] + listed] = ray;
+                }
+                break;
+            }
+            k = mine ? k : k[0];
+        }
+        const vf x = of(0), V = of(2), off = of(3);
+        // Transparency before each: prefix sums of depth (S11).
+        vf p = x;
+        p += __builtin_shufflevector(p, zero, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14);
+        p += __builtin_shufflevector(p, zero, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13);
+        p += __builtin_shufflevector(p, zero, 16, 16, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11);
+        p += __builtin_shufflevector(p, zero, 16, 16, 16, 16, 16, 16, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7);
+        const vf T = fading(__builtin_shufflevector(p, zero, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14));
+        const vf TA = T * A, TV = T * V + TA * off;
+        v4f color[4] = {};
+        if (bits(k != k[0]) == 0 && k[0] >= 0) {
+            const float* a = table + 16 * (int64_t)k[0];
+            color[0] = sum(TA) * *(const v4f*)(a + 8) + sum(TV) * *(const v4f*)(a + 12);
+        } else {
+            alignas(64) float ta[16], tv[16];
+            alignas(64) int r[16];
+            *(vf*)ta = TA;
+            *(vf*)tv = TV;
+            *(vi*)r = MAX(k, (vi){});
+            const unsigned cut = bits((k < 0) & mine);
+            if (cut) {
+                // Of a cell that was cut, its colour is in place of what others have.
+                alignas(64) float t[16];
+                *(vf*)t = T;
+                *(vf*)ta = k < 0 ? zero : TA;
+                *(vf*)tv = k < 0 ? zero : TV;
+                for (unsigned rest = cut; rest; rest &= rest - 1) {
+                    const int l = __builtin_ctz(rest);
+                    color[l & 3] += t[l] * (v4f){in[2 * room + l], in[3 * room + l], in[5 * room + l], 0.0f};
+                }
+            }
+            for (int l = 0; l < n; l += 4)
+                for (int m = 0; m < 4; ++m) {
+                    const float* a = table + 16 * (int64_t)r[l + m];
+                    color[m] += ta[l + m] * *(const v4f*)(a + 8) + tv[l + m] * *(const v4f*)(a + 12);
                 }
         }
-        color += other;
+        color[0] = (color[0] + color[1]) + (color[2] + color[3]);
+        for (int c = 0; c < 3; ++c) total[c] += front * color[0][c];
+        total[3] += front * sum(TA);
+        total[4] += front * 1.00001f * sum(T * e);
     }
-    const double front = 1.0 - total[3];
-    for (int c = 0; c < 3; ++c) total[c] += front * color[c];
-    total[3] += front * sum(TA);
-    total[4] += front * 1.00001f * sum(T * e);
+    at = MIN(at, stop);
+    counts[ray] += at - firsts[ray];
+    firsts[ray] = at;
+    int& going = states[ray];
+    if (1.0 - total[3] < clear && (at < lasts[ray] || going)) going = 2;
 }
-return MIN(at, stop);
+some[0] = listed;
+return listed;
 """
 )
-
-
-NEXT = """
-for (int l = first; l < stop; l += 16) {
-    const unsigned left = bits(*(const vi*)(row.data + l) < -1);
-    if (left) return MIN(l + __builtin_ctz(left), stop);
-}
-return stop;
-"""
 
 
 def _filled(text):
@@ -298,8 +332,10 @@ def _filled(text):
 
 
 @cache
-def make_packet():
-    """``measure``, ``compose`` and ``failing`` as of ``single``."""
+def make_packet(lighted=False):
+    """``measure`` and ``compose`` as of ``single``; where cells are ``lighted`` in between, ``LANES`` of each ray at a
+    time, and none that was just spent.
+    """
 
     @wp.func_native(_filled(MEASURE))
     def measure(
@@ -313,17 +349,16 @@ def make_packet():
         row: wp.array(dtype=int),
     ): ...
 
-    @wp.func_native(_filled(COMPOSE))
+    @wp.func_native(_filled(COMPOSE.replace("LIGHTED", str(int(lighted)))))
     def compose(
         rows: Rows,
+        rays: Rays,
+        times: wp.array2d(dtype=wp.float64),
         found: wp.array2d(dtype=wp.float32),
         row: wp.array(dtype=int),
-        some: wp.vec3i,
-        clear: wp.float64,
-        sums: wp.array2d(dtype=wp.float64),
+        spend: wp.vec3,
+        astray: bool,
+        which: wp.array2d(dtype=int),
     ) -> int: ...
 
-    @wp.func_native(VECTORS + NEXT)
-    def failing(row: wp.array(dtype=int), first: int, stop: int) -> int: ...
-
-    return measure, compose, failing
+    return measure, compose

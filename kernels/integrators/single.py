@@ -15,11 +15,14 @@ from functools import cache
 import warp as wp
 
 from ..field.blocks import Blocks
+from ..field.strides import Rays
 from ..transfer.rows import Rows
 
 # Cells that are measured at a time, and composed at a time.
 CELLS = 64
 LANES = 16
+# A cell may have so much of what its ray has left.
+LEFT = 1 / 16
 # Rounding, in parts of what is rounded: of the scalar from a row's center (S3), of an extinction that is nowhere
 # negative (S5), of depth (S7) and of V (S8).
 U = 2.0**-24
@@ -67,15 +70,16 @@ class Measured:
 @cache
 def make_single():
     """``measure(rows, blocks, spend, cells, some, cubic, found, row)`` of cells as ``field.cubics`` has them, ``some``
-    being the first and how many; ``compose(rows, found, row, some, clear, sums)`` -> how far it came; and
-    ``failing(row, first, stop)`` -> the first cell that is left to others, or ``stop``.
+    being the first and how many; and ``compose(rows, rays, times, found, row, spend, astray, which)`` -> how many cells
+    are left to others.
 
     ``spend`` is what a cell may be off by, in parts of its opacity and of its length, and the brightest colour.
     ``found`` has depth, opacity, V, off and the bound of each cell, infinite where no row will do; ``row`` its row, or
-    ``-2 - row`` for one that is left to others, and -1 for one that those put there: its colour is in place of V and
-    off, and in the last row. ``sums`` are colour, opacity and bound of rays, and ``some`` a ray, of whose cells the
-    first and the end: ``compose`` puts them behind what there is, ``LANES`` at a time, as long as transparency is
-    ``clear`` or more, up to the first lanes with a cell that is left to others.
+    ``-2 - row`` for one that exceeds its share, and -1 for one that others put there: its colour is in place of V and
+    off, and in the last row. ``compose`` puts the next cells of all rays behind what there is, ``LANES`` at a time, as
+    long as transparency is what the ray is to be ``clear`` by, up to the first lanes with a cell for which a ``LEFT``
+    of what the ray has left of its shares is not enough, or any that exceeds its own where the rays are ``astray``.
+    Those are left to others: ``which`` (2, n) has how many and which they are, and behind that their rays.
     """
     real = wp.float32
 
@@ -198,44 +202,57 @@ def make_single():
     @wp.func
     def compose(
         rows: Rows,
+        rays: Rays,
+        times: wp.array2d(dtype=wp.float64),
         found: wp.array2d(dtype=wp.float32),
         row: wp.array(dtype=int),
-        some: wp.vec3i,
-        clear: wp.float64,
-        sums: wp.array2d(dtype=wp.float64),
+        spend: wp.vec3,
+        astray: bool,
+        which: wp.array2d(dtype=int),
     ):
-        ray = some[0]
-        at = some[1]
-        going = bool(True)
-        while going and at < some[2] and wp.float64(1.0) - sums[ray, 3] >= clear:
-            stop = wp.min(at + LANES, some[2])
-            for l in range(at, stop):
-                if row[l] < -1:
-                    going = False
-            if going:
-                front = wp.float64(1.0) - sums[ray, 3]
-                depth = real(0.0)
+        one = wp.float64(1.0)
+        listed = int(0)
+        for ray in range(rays.going.shape[0]):
+            at = rays.first[ray]
+            clear = rays.lines[ray, 8]
+            waits = bool(False)
+            while at < rays.last[ray] and not waits and one - rays.sums[ray, 3] >= clear:
+                stop = wp.min(at + LANES, rays.last[ray])
+                front = one - rays.sums[ray, 3]
+                left = wp.float64(spend[0]) * rays.sums[ray, 3]
+                left += wp.float64(spend[1]) * (times[0, at] - rays.lines[ray, 6]) - rays.sums[ray, 4]
+                most = real(wp.float64(wp.static(0.999 * LEFT)) * left / front)
                 for l in range(at, stop):
-                    T = front * wp.float64(wp.exp(-depth))
-                    TA = T * wp.float64(found[1, l])
-                    TV = T * wp.float64(found[2, l]) + TA * wp.float64(found[3, l])
-                    r = row[l]
-                    for c in range(3):
-                        if r >= 0:
-                            sums[ray, c] += TA * wp.float64(rows.row[r, 8 + c]) + TV * wp.float64(rows.row[r, 12 + c])
+                    if row[l] < -1:
+                        share = spend[0] * found[1, l] + spend[1] * real(times[1, l] - times[0, l])
+                        if found[4, l] - share <= most and not astray:
+                            row[l] = -2 - row[l]
                         else:
-                            sums[ray, c] += T * wp.float64(found[wp.where(c < 2, c + 2, 5), l])
-                    sums[ray, 3] += TA
-                    sums[ray, 4] += T * wp.float64(found[4, l]) * wp.float64(1.00001)
-                    depth += found[0, l]
-                at = stop
-        return at
+                            waits = True
+                            listed += 1
+                            which[0, listed] = l
+                            which[1, listed] = ray
+                if not waits:
+                    depth = real(0.0)
+                    for l in range(at, stop):
+                        T = front * wp.float64(wp.exp(-depth))
+                        TA = T * wp.float64(found[1, l])
+                        TV = T * wp.float64(found[2, l]) + TA * wp.float64(found[3, l])
+                        r = row[l]
+                        for c in range(3):
+                            color = T * wp.float64(found[wp.where(c < 2, c + 2, 5), l])
+                            if r >= 0:
+                                color = TA * wp.float64(rows.row[r, 8 + c]) + TV * wp.float64(rows.row[r, 12 + c])
+                            rays.sums[ray, c] = rays.sums[ray, c] + color
+                        rays.sums[ray, 3] = rays.sums[ray, 3] + TA
+                        rays.sums[ray, 4] = rays.sums[ray, 4] + T * wp.float64(found[4, l]) * wp.float64(1.00001)
+                        depth += found[0, l]
+                    at = stop
+            rays.count[ray] = rays.count[ray] + at - rays.first[ray]
+            rays.first[ray] = at
+            if one - rays.sums[ray, 3] < clear and (at < rays.last[ray] or rays.going[ray] != 0):
+                rays.going[ray] = 2
+        which[0, 0] = listed
+        return listed
 
-    @wp.func
-    def failing(row: wp.array(dtype=int), first: int, stop: int):
-        l = first
-        while l < stop and row[l] >= -1:
-            l += 1
-        return l
-
-    return measure, compose, failing
+    return measure, compose

@@ -18,7 +18,7 @@ from ..field.walk import make_unseen, make_within
 from ..light.points import intensity_of, make_point, make_shading
 from ..light.segments import make_lit, make_stretch
 from ..precision import vec2_of, vec3_of, vec4_of
-from ..segment import make_opacities, over, widened
+from ..segment import make_opacities, make_sum
 from ..transfer.linear import make_linear_segment
 from ..transfer.lookup import make_table
 
@@ -78,6 +78,7 @@ def make_uniform(halves):
     seen = make_point(halves)
     light_ends, absorbs, lit_segment = make_lit(halves)
     opacities = make_opacities(real, PACKET)
+    Sum, add, opacity, total, number = make_sum(real, halves.vectors)
     linear_segment = make_linear_segment(real)
     unseen = make_unseen(real)
     within = make_within(real)
@@ -172,7 +173,8 @@ def make_uniform(halves):
         direction = vec3(along)
         length = real(stop - begin)
         step = real(scene.march.step)
-        ray = wp.vec4d()
+        ray = Sum()
+        opaque = number(scene.opaque)
         count = int(wp.ceil(length / step))
         i = int(0)
         end = count
@@ -192,7 +194,7 @@ def make_uniform(halves):
         shone = int(-1)
         # Only where the last packet was transparent is it worth asking whether the block is.
         idle = bool(True)
-        while i < end and ray[3] <= scene.opaque:
+        while i < end and opacity(ray) <= opaque:
             if idle:
                 ahead = unseen(scene.blocks.kinds, scene.field.last, origin, direction, length, step, i)
                 if ahead > i:
@@ -200,7 +202,7 @@ def make_uniform(halves):
                     if wp.static(ends):
                         front = value(scene.field, origin + wp.min(real(i) * step, length) * direction)
                     continue
-            before = ray[3]
+            before = opacity(ray)
             s = packet()
             middle = packet()
             for l in range(wp.static(PACKET)):
@@ -231,7 +233,7 @@ def make_uniform(halves):
                                 second = light_ends(scene, origin, direction, a + h, eye)
                                 if wp.static(cuts.parts is not None):
                                     ends_at = vec2(a, a + h)
-                                    ray = over(
+                                    ray = add(
                                         ray, lit_cut(scene, origin, direction, ends_at, front, s[l], first, second)
                                     )
                                 else:
@@ -243,18 +245,18 @@ def make_uniform(halves):
                                     part.h = h
                                     part.front = front
                                     part.back = s[l]
-                                    ray = over(ray, lit_segment(scene, part, i + l < count - 1, first, second))
+                                    ray = add(ray, lit_segment(scene, part, i + l < count - 1, first, second))
                                 first = second
                                 shone = i + l + 1
                         elif wp.static(cuts.parts is not None):
                             seen_part, _middle = partial(
                                 scene, point(origin, direction, a), point(origin, direction, a + h), front, s[l], h
                             )
-                            ray = over(ray, seen_part)
+                            ray = add(ray, seen_part)
                         elif i + l < count - 1:
-                            ray = over(ray, widened(lookup(scene.table, front, s[l])))
+                            ray = add(ray, lookup(scene.table, front, s[l]))
                         else:
-                            ray = over(ray, linear_segment(scene.transfer, scene.march.nodes, front, s[l], h))
+                            ray = add(ray, linear_segment(scene.transfer, scene.march.nodes, front, s[l], h))
                     front = s[l]
             else:
                 red = packet()
@@ -280,10 +282,10 @@ def make_uniform(halves):
                 if wp.max(depth) > real(0.0):
                     A = opacities(depth)
                     for l in range(wp.static(PACKET)):
-                        ray = over(ray, widened(vec4(A[l] * red[l], A[l] * green[l], A[l] * blue[l], A[l])))
-            idle = ray[3] == before
+                        ray = add(ray, vec4(A[l] * red[l], A[l] * green[l], A[l] * blue[l], A[l]))
+            idle = opacity(ray) == before
             evaluated += wp.min(end - i, wp.static(PACKET))
             i += wp.static(PACKET)
-        return ray, evaluated, wp.float64(0.0)
+        return total(ray), evaluated, wp.float64(0.0)
 
     return march

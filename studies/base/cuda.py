@@ -140,10 +140,10 @@ def _asked_for(kernels: dict[wp.Kernel, str], name: str) -> Iterator[None]:
             if isinstance(given, wp.array):
                 given.zero_()
 
-    def loaded(kernel: wp.Kernel, alias: str) -> None:
+    def loaded(kernel: wp.Kernel, alias: str, deep: bool) -> None:
         if kernel not in HOST_ONLY:
             kernels.setdefault(kernel, f"{kernel.key.rpartition('__')[2]}, {name}")
-        load(kernel, alias)
+        load(kernel, alias, deep)
 
     with (
         patch.object(wvr.frame, "make_raycast", maker(wvr.frame.make_raycast)),
