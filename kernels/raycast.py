@@ -173,6 +173,7 @@ def make_raycast(halves):
                     ray, count, bound = march(scene, point, along, start, stop)
                 else:
                     scene.stretch = 1
+                    scene.whole = stop - start
                     ray, count, bound = march(scene, point, along, first, last)
                 if wp.static(bounded):
                     bound = leave(scene, ray, bound, last - first)

@@ -103,7 +103,8 @@ def make_stretches(halves):
         count = int(0)
         bound = wp.float64(0.0)
         opaque = scene.opaque
-        scene.whole = stop - start
+        if wp.static(not halves.brick):
+            scene.whole = stop - start
         if wp.static(bounded):
             # That a piece may change a channel by, in parts of its opacity.
             most = scene.march.brightest + scene.march.tinted

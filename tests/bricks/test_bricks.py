@@ -94,6 +94,17 @@ def test_bricks_are_the_whole(split, integrator):
             np.testing.assert_allclose(image.rgba, whole.rgba, atol=1e-11, err_msg=f"{name} {cells}")
 
 
+@pytest.mark.parametrize("method", [wvr.AdaptiveSimpson(1e-4, scope="ray"), wvr.AdaptivePreintegrated(1e-4)], ids=repr)
+def test_adaptive_steps_begin_anew_in_each_brick(split, method):
+    """And are as near to the exact image as those of the whole."""
+    for name in ("outside", "edges 0"):
+        exact = wvr.render(VOLUME, TF, CAMERAS[name], SIZE, integrator=wvr.Exact())
+        whole = wvr.render(VOLUME, TF, CAMERAS[name], SIZE, integrator=method)
+        image = split((6, 6, 6), CAMERAS[name], integrator=method)
+        off, before = (np.abs(one.rgba - exact.rgba).max() for one in (image, whole))
+        assert off < max(2 * before, 5e-4) and before < 0.02
+
+
 def test_clips_and_labels_split_alike(split):
     middle = VOLUME.corners.mean(axis=0)
     labels = (RNG.random(VOLUME.shape) < 0.5).astype(np.uint8)
@@ -226,10 +237,16 @@ def test_bounds_compose(numbers):
     assert front.bound[0, 0] == pytest.approx(b1 + t1 * b2)
 
 
+class Own(wvr.Exact):
+    """Of somebody who did not say that its rays are composed."""
+
+    splits = False
+
+
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"integrator": wvr.AdaptiveSimpson(1e-3)}, "integrator"),
+        ({"integrator": Own()}, "integrator"),
         ({"shadows": True}, "shadows"),
         ({"memory_limit": "much"}, "memory_limit"),
         ({"memory_limit": 10}, "memory_limit"),

@@ -83,7 +83,8 @@ class Halo:
     @classmethod
     def of(cls, scene: Scene) -> Halo:
         """Gradients look at one more, and segments of one length reach out by half."""
-        volume, step = scene.volume, scene.integrator.shortest
+        volume, integrator = scene.volume, scene.integrator
+        step = integrator.shortest if getattr(integrator.half(scene), "anchored", False) else None
         reach = 0.0 if step is None else step / 2 * scene.unit
         along = np.linalg.norm(np.linalg.inv(volume.index_to_world[:3, :3]), axis=1)  # index lengths of a world length
         lit = scene.lighting is not None

@@ -42,9 +42,8 @@ def check(scene: Scene, reading: Reading) -> None:
     integrator = scene.integrator
     if not (integrator.splits or integrator.probes):
         raise ValueError(
-            f"integrator must be one whose rays are composed of those of bricks, Certified, Exact, Riemann, Simpson, "
-            f"Preintegrated, Projection or Isosurface, for a volume in bricks (memory_limit, client, wvr.open), got "
-            f"{integrator!r}"
+            f"integrator must be one whose rays are composed of those of bricks, such as Certified, for a volume in "
+            f"bricks (memory_limit, client, wvr.open), got {integrator!r}, which says of itself that it does not split"
         )
     limited = reading.budgeted
     bounded = getattr(integrator.half(scene), "bounded", False) and not integrator.probes
@@ -64,10 +63,10 @@ def check(scene: Scene, reading: Reading) -> None:
         raise ValueError(
             "shadows are not there for a volume in bricks (memory_limit, client, wvr.open): leave them out"
         )
-    if scene.segmentation is not None and integrator.shortest is not None:
+    if scene.segmentation is not None and getattr(integrator.half(scene), "anchored", False):
         raise ValueError(
-            f"segmentation needs Certified or Exact for a volume in bricks, got {integrator!r}: its segments count "
-            f"from boundaries of labels, which may be in other bricks"
+            f"segmentation needs Certified, Exact or an adaptive integrator for a volume in bricks, got {integrator!r}: "
+            f"its segments count from boundaries of labels, which may be in other bricks"
         )
 
 

@@ -56,6 +56,7 @@ class AdaptivePreintegrated(Integrator):
     tolerance: float
     hmin: float = 0.125
     traces: ClassVar[bool] = True
+    splits: ClassVar[bool] = True
     cells: ClassVar[bool] = True
     asks: ClassVar[tuple[str, ...]] = ("centered",)
 
@@ -73,7 +74,7 @@ class AdaptivePreintegrated(Integrator):
 
     def _packed(self, scene: Scene) -> bool:
         """Whether cells may be computed many at a time, in single precision."""
-        fits = max(scene.volume.shape) <= MOST and scene.segmentation is None
+        fits = max(scene.volume.entire.shape) <= MOST and scene.segmentation is None
         return fits and self.precision(scene) == "float32" and hasattr(scene.volume.half, "cubics")
 
     def half(self, scene: Scene) -> Half:

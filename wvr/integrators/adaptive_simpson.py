@@ -54,6 +54,7 @@ class AdaptiveSimpson(Integrator):
     coupling: Literal["coupled", "decoupled"] = "coupled"
     scope: Literal["step", "ray"] = "step"
     traces: ClassVar[bool] = True
+    splits: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         define(self, tolerance=below_one(self.tolerance, "tolerance"))
