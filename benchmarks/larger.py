@@ -100,9 +100,13 @@ def child(store: str, options: dict) -> None:
     warm = wvr.open(np.zeros((40, 40, 40), np.uint8))
     wvr.render(wvr.build_ranges(warm), tf, "iso", (8, 8), budget=0)
     wvr.render(warm, tf, "iso", (8, 8))
+    wvr.render(wvr.build_ranges(warm), tf, "iso", (8, 8), integrator=wvr.Projection("max"), budget=0)
+    wvr.render(warm, tf, "iso", (8, 8), integrator=wvr.Projection("max"))
     start, cpu, base = perf_counter(), os.times(), peak()
     volume = wvr.open(store)
     opened = perf_counter() - start
+    if what := options.pop("projection", None):
+        options["integrator"] = wvr.Projection(what)
     image = wvr.render(volume, tf, wvr.Camera.fit(volume, (1, 0.6, 0.4)), **options)
     now = os.times()
     assert image.error_bound is not None
@@ -169,6 +173,23 @@ def least(store: Path) -> int:
     return sum(bool(one[block[::-1]][0] != one[block[::-1]][1]) for block in must)
 
 
+def least_of_maximum(store: Path) -> int:
+    """Blocks of which a ray meets cells whose samples go beyond the largest value that it finds."""
+    volume = wvr.open(store)
+    nothing = dict.fromkeys(("lighting", "shadows", "background", "segmentation", "termination"))
+    tf = wvr.TransferFunction(CLEAR, unit_distance=1.0)
+    options = {"precision": "auto", "skip_empty": True, "clips": ()}
+    scene = Scene(volume, tf, wvr.Projection("max"), **options, **nothing)  # type: ignore[arg-type]
+    march = Streamed(scene, wvr.Camera.fit(volume, (1, 0.6, 0.4)), (512, 512), Keeper(get_device("cpu")), Reading())
+    image, _ = march.render()
+    march.unneeded.clear()
+    must = [march.needed(image, index, rect) for index in march.order if (rect := march.caster.footprint(index))]
+    assert volume.ranges is not None
+    one = volume.ranges.values[:, :, :, ALL, ALL, ALL]
+    blocks = {block for these in must if these for block in these}
+    return sum(bool(one[block[::-1]][0] != one[block[::-1]][1]) for block in blocks)
+
+
 @app.default
 def run(
     size: int = 4096,
@@ -204,6 +225,8 @@ def run(
             ("nothing read", {"budget": 0}),
             ("nothing read, thin fog", {"budget": 0, "thin": True}),
             ("two seconds", {"budget": 2.0}),
+            ("maximum, nothing read", {"projection": "max", "budget": 0}),
+            ("maximum", {"projection": "max", "memory_limit": memory_limit}),
             (f"tolerance {tolerance:.4g}", {"tolerance": tolerance, "memory_limit": memory_limit}),
         ):
             found = measured(store, **options)
@@ -216,7 +239,7 @@ def run(
                 flush=True,
             )
         if least_:
-            print(f"any exact method must read {least(store)} blocks")
+            print(f"any exact method must read {least(store)} blocks, for the maximum {least_of_maximum(store)}")
     finally:
         shutil.rmtree(place)
 

@@ -27,7 +27,7 @@ def main(workers: int = 2, samples: int = 256) -> None:
         pyramid = ngff_zarr.to_multiscales(image, scale_factors=[2, 4], chunks=32)
         ngff_zarr.to_ngff_zarr(str(store), pyramid, version="0.5")
         print(f"{store.name}: {volume}")
-        cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+        cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0")
         with cluster, Client(cluster) as client:
             lazy = wvr.build_ranges(store, client=client)
             tf = wvr.TransferFunction([(0, "navy", 0.0), (110, "teal", 0.0), (150, "gold", 0.05), (255, "white", 0.4)])

@@ -55,10 +55,11 @@ def check(scene: Scene, reading: Reading) -> None:
             )
         if given and not scene.volume.stored:
             raise ValueError(f"{name} is for volumes of wvr.open, got one in memory")
-    if reading.client and (limited or not scene.volume.stored or integrator.probes):
+    if reading.client and integrator.probes:
+        raise ValueError(f"client must be left out for {integrator!r}, which is rendered in this process")
+    if reading.client and (limited or not scene.volume.stored):
         what = "a budget" if limited else "a volume in memory: wvr.open takes arrays, too"
-        what = repr(integrator) if integrator.probes else what
-        raise ValueError(f"client is for volumes of wvr.open, whose images are composed, without a budget, got {what}")
+        raise ValueError(f"client is for volumes of wvr.open, without a budget, got {what}")
     if scene.shadows is not None:
         raise ValueError(
             "shadows are not there for a volume in bricks (memory_limit, client, wvr.open): leave them out"

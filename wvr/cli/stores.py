@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -100,7 +101,9 @@ def clients(workers: int | None, scheduler: str | None) -> Iterator[Any]:
         with Client(scheduler, timeout="10 s") as client:
             yield client
         return
-    local = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+    # A port that is free; what workers have to say comes as errors.
+    quiet = {"dashboard_address": ":0", "silence_logs": logging.CRITICAL}
+    local = LocalCluster(n_workers=workers, threads_per_worker=1, **quiet)
     with local as cluster, Client(cluster) as client:
         yield client
 
