@@ -66,8 +66,8 @@ def check(scene: Scene, reading: Reading) -> None:
         )
     if scene.segmentation is not None and getattr(integrator.half(scene), "anchored", False):
         raise ValueError(
-            f"segmentation needs Certified, Exact or an adaptive integrator for a volume in bricks, got {integrator!r}: "
-            f"its segments count from boundaries of labels, which may be in other bricks"
+            f"segmentation needs Certified, Exact or adaptive steps for a volume in bricks, got {integrator!r}: its "
+            f"segments count from boundaries of labels, which may be in other bricks"
         )
 
 
@@ -167,11 +167,12 @@ class BrickedFrame:
         if partial.bound is not None:
             rounding = float(np.finfo(shown).eps) / 2 + COMPOSED * sum(caster.bricks.counts)
             bound = partial.bound
-            if scene.lighting is None:
-                # What is true is between 0 and the brightest.
-                farthest = np.maximum(partial.rgbt, scene.brightest - partial.rgbt)
-                farthest[..., 3] = np.maximum(1.0 - partial.through, partial.through)
-                bound = np.minimum(bound, farthest.max(axis=-1))
+            if scene.lighting is None and (wide := bound > 0.5).any():
+                # What is true is between 0 and the brightest, and half of that or more from one of the two.
+                there = partial.rgbt[wide]
+                farthest = np.maximum(there, scene.brightest - there)
+                farthest[..., 3] = np.maximum(1.0 - there[..., 3], there[..., 3])
+                bound[wide] = np.minimum(bound[wide], farthest.max(axis=-1))
             bound = (bound + scene.brightest * rounding) * (1 + 2.0**-50)
             self.error_bound = np.nextafter(bound.astype(np.float32), np.float32(np.inf))
         return self._image(rgba, partial.samples, stats)
