@@ -13,7 +13,7 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from copy import copy
 from dataclasses import replace
-from threading import Lock
+from threading import Lock, local
 from typing import Any, ClassVar
 from weakref import WeakKeyDictionary
 
@@ -37,6 +37,8 @@ KEPT = 0.25
 # Where a worker says nothing of its memory.
 MEMORY = 1 << 30
 
+# Of the threads of a worker.
+_own = local()
 _tokens: WeakKeyDictionary[Any, str] = WeakKeyDictionary()
 
 
@@ -179,16 +181,27 @@ def union(rects: list[Rect]) -> Rect:
     return rows, slice(min(c.start for _, c in rects), max(c.stop for _, c in rects))
 
 
-def group_image(shared: Shared, indices: list[Index], rect: Rect, front: NDArray[np.float32]) -> tuple[Partial, Counts]:
-    """In a worker: the image of a group of bricks, in order, behind what lets ``front`` through."""
+def marching(shared: Shared) -> tuple[Any, Remembered]:
+    """In a worker: what renders groups of an image, the same for those that a thread renders one after the other, and
+    what it reads.
+    """
     from .streamed import Streamed
 
-    keep = Keeper(get_device(None))
-    # A volume of its own: what is shared may travel on to other workers.
-    volume = copy(shared.scene.volume)
-    samples = volume.samples = Remembered(volume.samples, shared.token)  # type: ignore[attr-defined]
-    scene = replace(shared.scene, volume=volume)
-    march = Streamed(scene, shared.camera, shared.size, keep, Reading(missing=shared.missing), shared.ends)
+    if getattr(_own, "shared", None) is not shared:
+        # A volume of its own: what is shared may travel on to other workers.
+        volume = copy(shared.scene.volume)
+        _own.samples = volume.samples = Remembered(volume.samples, shared.token)  # type: ignore[attr-defined]
+        scene, reading = replace(shared.scene, volume=volume), Reading(missing=shared.missing)
+        keep = Keeper(get_device(None))
+        _own.march = Streamed(scene, shared.camera, shared.size, keep, reading, shared.ends)
+        _own.shared = shared
+    _own.march.missing = _own.samples.blocks = _own.samples.bytes = 0
+    return _own.march, _own.samples
+
+
+def group_image(shared: Shared, indices: list[Index], rect: Rect, front: NDArray[np.float32]) -> tuple[Partial, Counts]:
+    """In a worker: the image of a group of bricks, in order, behind what lets ``front`` through."""
+    march, samples = marching(shared)
     image = Partial.nothing(rect, march.caster.bounded)
     blocks = march.blocks(_memory() // 2)
     counts = Counts()
@@ -199,7 +212,7 @@ def group_image(shared: Shared, indices: list[Index], rect: Rect, front: NDArray
             if place is None or (needed := march.needed(image, index, place, clear)) == set():
                 continue
             march.cast(blocks, image, index, place, needed, clear)
-            keep.end_of_frame()
+            march.keep.end_of_frame()
     finally:
         blocks.close()
     counts.numbers = {
