@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -27,12 +28,13 @@ def main(workers: int = 2, samples: int = 256) -> None:
         pyramid = ngff_zarr.to_multiscales(image, scale_factors=[2, 4], chunks=32)
         ngff_zarr.to_ngff_zarr(str(store), pyramid, version="0.5")
         print(f"{store.name}: {volume}")
-        cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0")
+        quiet = {"dashboard_address": ":0", "silence_logs": logging.CRITICAL}
+        cluster = LocalCluster(n_workers=workers, threads_per_worker=1, **quiet)
         with cluster, Client(cluster) as client:
             lazy = wvr.build_ranges(store, client=client)
             tf = wvr.TransferFunction([(0, "navy", 0.0), (110, "teal", 0.0), (150, "gold", 0.05), (255, "white", 0.4)])
             camera = wvr.Camera.fit(lazy, (1, 0.6, 0.4))
-            for name, options in (("one process", {}), (f"{workers} workers", {"client": client})):
+            for name, options in (("one process", {"client": False}), (f"{workers} workers", {"client": client})):
                 for frame in ("first", "second"):
                     start = perf_counter()
                     shown = wvr.render(lazy, tf, camera, SIZE, background="black", **options)
