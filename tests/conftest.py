@@ -2,9 +2,14 @@
 
 import pytest
 import warp as wp
+from hypothesis import settings
 
 import wvr
 from wvr.launch import get_device
+
+# On a busy machine what is slow is not wrong.
+settings.register_profile("wvr", deadline=None)
+settings.load_profile("wvr")
 
 
 def devices() -> list[str]:

@@ -13,7 +13,7 @@ import wvr
 from tests.viewer.helpers import Client, source
 from wvr.viewer.clips import DEFAULTS, box_of, clips_of, plane_of, sphere_of, updated
 from wvr.viewer.handles import View, anchor_of, handles, lines, overlay
-from wvr.viewer.state import Scene, State
+from wvr.viewer.state import Presentation, State
 
 SIZE = (320, 240)
 # Of a box that is not a cube and lies askew.
@@ -39,7 +39,7 @@ def state(view, **cuts):
     now = DEFAULTS
     for kind, changes in cuts.items():
         now = updated(now, kind, {"on": True, **changes})
-    return State(Scene(view, None, SIZE), cuts=now)
+    return State(Presentation(view, None, SIZE), cuts=now)
 
 
 def handle(state, name):
@@ -50,12 +50,12 @@ def pulled(before, name, place):
     """The state after a handle is dragged to a place."""
     held = handle(before, name)
     anchor = tuple(anchor_of(before, CORNERS).tolist()) if held.kind == "plane" else None
-    changes = held.pull(View(before.scene.camera, SIZE), place)
+    changes = held.pull(View(before.presentation.camera, SIZE), place)
     return replace(before, cuts=updated(before.cuts, held.kind, changes), anchor=anchor)
 
 
 def place(state, name):
-    return View(state.scene.camera, SIZE).place(handle(state, name).position)
+    return View(state.presentation.camera, SIZE).place(handle(state, name).position)
 
 
 @settings(max_examples=60, deadline=None)
@@ -68,7 +68,7 @@ def test_a_face_of_a_box_goes_where_it_is_dragged(view, lo, name, to):
     wanted = list(before.cuts["box"][end])
     wanted[axis] = 0.45 * to + (0.55 if end == "hi" else 0)
     target = replace(before, cuts=updated(before.cuts, "box", {end: wanted}))
-    sight = unit(handle(before, name).position - before.scene.camera.position)
+    sight = unit(handle(before, name).position - before.presentation.camera.position)
     if abs(sight[axis]) > 0.98:  # seen from its end it goes by the mouse's height
         return
     after = pulled(before, name, place(target, name))
@@ -87,7 +87,7 @@ def test_a_ball_goes_where_it_is_dragged(view, center, step, radius, other):
     moved = pulled(before, "sphere center", pointer)
     if np.all(np.abs(np.array(moved.cuts["sphere"]["center"]) - 0.5) < 0.49):
         assert np.allclose(place(moved, "sphere center"), pointer, atol=1e-6)
-        forward = before.scene.camera.basis()[2]
+        forward = before.presentation.camera.basis()[2]
         way = handle(moved, "sphere center").position - handle(before, "sphere center").position
         assert abs(way @ forward) < 1e-9
 
@@ -96,19 +96,21 @@ def test_a_ball_goes_where_it_is_dragged(view, center, step, radius, other):
 @given(angles, st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda n: np.linalg.norm(n) > 0.1), part, st.floats(-1, 1))
 def test_a_plane_is_moved_along_its_normal_and_tilted(view, normal, at, turn):
     before = state(camera(*view), plane={"normal": list(normal), "at": at})
-    right, up, forward = before.scene.camera.basis()
+    right, up, forward = before.presentation.camera.basis()
     anchor = anchor_of(before, CORNERS)
     # Tilted: the tip is under the pointer, the plane goes through the same point.
-    side = 1.0 if unit(normal) @ View(before.scene.camera, SIZE).ray(place(before, "plane normal"))[1] > 0 else -1.0
+    side = (
+        1.0 if unit(normal) @ View(before.presentation.camera, SIZE).ray(place(before, "plane normal"))[1] > 0 else -1.0
+    )
     wanted = unit(np.cos(turn) * right + np.sin(turn) * up + side * (1 + abs(turn)) * forward)
     target = replace(before, cuts=updated(before.cuts, "plane", {"normal": wanted.tolist()}))
     tip = anchor + np.linalg.norm(handle(before, "plane normal").position - anchor) * wanted
-    after = pulled(before, "plane normal", View(before.scene.camera, SIZE).place(tip))
+    after = pulled(before, "plane normal", View(before.presentation.camera, SIZE).place(tip))
     point, found = plane_of(after.cuts["plane"], CORNERS)
     assert np.allclose(found, wanted, atol=1e-6) and abs((anchor - point) @ found) < 1e-6
     assert np.allclose(handle(after, "plane normal").position, tip, atol=1e-6)
     # Moved: along the normal, to where the pointer is.
-    if np.linalg.norm(np.cross(unit(normal), unit(anchor - before.scene.camera.position))) < 0.2:
+    if np.linalg.norm(np.cross(unit(normal), unit(anchor - before.presentation.camera.position))) < 0.2:
         return
     target = replace(before, cuts=updated(before.cuts, "plane", {"at": at / 2}), anchor=tuple(anchor))
     after = pulled(before, "plane at", place(target, "plane at"))
@@ -149,8 +151,8 @@ def test_lines_are_where_clips_cut(view, normal, at, center):
     assert np.all(inside > -1e-6) and np.all(inside < np.array((4, 6, 9)) + 1e-6)
     assert np.allclose(arrow[0], anchor_of(now, CORNERS))
     middle, radius = sphere_of(now.cuts["sphere"], CORNERS)
-    for row in View(now.scene.camera, SIZE).place(outline):
-        origin, ray = View(now.scene.camera, SIZE).ray(row)
+    for row in View(now.presentation.camera, SIZE).place(outline):
+        origin, ray = View(now.presentation.camera, SIZE).ray(row)
         assert np.linalg.norm(np.cross(middle - origin, ray)) == pytest.approx(radius, rel=1e-6)
     assert sum(kind == "box" for kind, _ in drawn) == 12
     assert len(overlay(now, CORNERS)["handles"]) == 10
@@ -182,9 +184,9 @@ def test_a_drag_of_a_handle_cuts_and_is_undone_as_a_whole():
         assert client.session.state.cuts["plane"]["at"] > 0.55 and client.session.state.anchor is None
         image = wvr.render(
             client.session.source.first_volume,
-            cut.state.scene.transfer_function,
-            cut.state.scene.camera,
-            cut.state.scene.size,
+            cut.state.presentation.transfer_function,
+            cut.state.presentation.camera,
+            cut.state.presentation.size,
             clip=clips_of(client.session.state.cuts, client.session.source.first_volume.corners),
             background="black",
         )

@@ -17,7 +17,7 @@ from wvr.viewer.state import Source
 
 def still(client):
     """What wvr.render makes of the state."""
-    scene = client.session.state.scene
+    scene = client.session.state.presentation
     lighting, shadows = scene.lights()
     return wvr.render(
         client.session.source.volume(scene.frame),
@@ -160,9 +160,9 @@ def test_the_editor_changes_the_picture_and_undo_brings_it_back():
 @pytest.mark.parametrize("name", ["bands", "surfaces", "mri", "viridis"])
 def test_functions_by_name(name):
     with Client(source()) as client:
-        before = client.session.state.scene.transfer_function
+        before = client.session.state.presentation.transfer_function
         client.say("edit", op="choose", name=name)
-        after = client.session.state.scene.transfer_function
+        after = client.session.state.presentation.transfer_function
         assert not client.errors and after != before
         if name == "viridis":
             s = np.linspace(*client.session.source.first_volume.range, 50)
@@ -175,22 +175,22 @@ def test_a_saved_function_loads_exactly(tmp_path):
         client.say("edit", op="move", index=1, scalar=0.1 + 0.2, opacity=1 / 3)
         text = client.last("state")["function"]
         (tmp_path / "tf.json").write_text(text)
-        assert wvr.TransferFunction.load(tmp_path / "tf.json") == client.session.state.scene.transfer_function
+        assert wvr.TransferFunction.load(tmp_path / "tf.json") == client.session.state.presentation.transfer_function
         client.say("undo")
         client.say("edit", op="load", text=text)
-        assert client.session.state.scene.transfer_function == wvr.TransferFunction.load(tmp_path / "tf.json")
+        assert client.session.state.presentation.transfer_function == wvr.TransferFunction.load(tmp_path / "tf.json")
 
 
 def test_light_follows_the_camera_until_it_is_placed():
     with Client(source(lighting=True)) as client:
         client.say("key_down", key="ArrowLeft", modifiers=[])
         assert_still(client)
-        scene = client.session.state.scene
+        scene = client.session.state.presentation
         assert scene.lights()[0] == wvr.defaults.studio(scene.camera)
         client.session.greet()
         lamp = client.last("state")
         client.say("light", lamp=[40.0, -10.0])
-        first = client.session.state.scene.lights()[0].lights[0]
+        first = client.session.state.presentation.lights()[0].lights[0]
         right, up, forward = scene.camera.basis()
         direction = np.array(first.direction)
         assert np.isclose(np.degrees(np.arcsin(direction @ up)), -10)
@@ -198,7 +198,7 @@ def test_light_follows_the_camera_until_it_is_placed():
         client.say("light", shadows=True)
         assert_still(client)
         client.say("light", lighting=False, shadows=False)
-        assert client.session.state.scene.lights() == (None, None)
+        assert client.session.state.presentation.lights() == (None, None)
         assert lamp["lighting"] and not client.last("state")["lighting"]
 
 
@@ -219,11 +219,11 @@ def test_clips_cut():
             client.say("clip", kind=kind, set={"on": False})
         corners = client.session.source.first_volume.corners
         client.say("clip", kind="plane", set={"on": True, "invert": False})
-        (plane,) = client.session.state.scene.clips
+        (plane,) = client.session.state.presentation.clips
         assert plane.keeps(corners).sum() == 4 and np.allclose(plane.point, corners.mean(axis=0))
         client.say("facing")
-        (plane,) = client.session.state.scene.clips
-        assert np.allclose(plane.normal, client.session.state.scene.camera.basis()[2])
+        (plane,) = client.session.state.presentation.clips
+        assert np.allclose(plane.normal, client.session.state.presentation.camera.basis()[2])
         assert not client.errors
 
 
@@ -232,7 +232,7 @@ def test_clips_that_were_given_stay():
     with Client(source(clip=given)) as client:
         assert_still(client)
         client.say("clip", kind="plane", set={"on": True})
-        assert client.session.state.scene.clips[0] == given and len(client.session.state.scene.clips) == 2
+        assert client.session.state.presentation.clips[0] == given and len(client.session.state.presentation.clips) == 2
         assert_still(client)
 
 
@@ -256,7 +256,7 @@ def test_picking_finds_a_wall():
             assert "position" not in client.last("picked")
             client.say("clip", kind="plane", set={"on": False})
             client.say("focus", x=20.5, y=20.5)
-            assert client.session.state.scene.camera.target == pytest.approx((9.6, 9.5, 9.5), abs=0.6)
+            assert client.session.state.presentation.camera.target == pytest.approx((9.6, 9.5, 9.5), abs=0.6)
 
 
 def test_frames_are_volumes():
@@ -299,7 +299,7 @@ def test_views_and_projections():
         client.say("parallel", on=True)
         assert assert_still(client) and client.last("state")["parallel"]
         client.say("view", name="yz")
-        assert client.session.state.scene.camera.parallel
+        assert client.session.state.presentation.camera.parallel
         client.say("view", name="anterior")
         client.say("view", name="nowhere")
         assert len(client.errors) == 2 and "did you mean" not in client.errors[0]
@@ -322,7 +322,9 @@ def test_the_script_renders_the_picture(options, tmp_path, monkeypatch):
         assert np.array_equal(names["image"].rgba, picture.image.rgba)
         assert (tmp_path / "image.png").exists()
         client.say("camera")
-        assert np.array_equal(eval(client.last("text")["text"]).position, client.session.state.scene.camera.position)
+        assert np.array_equal(
+            eval(client.last("text")["text"]).position, client.session.state.presentation.camera.position
+        )
 
 
 def test_a_lost_state_comes_back():
@@ -390,7 +392,7 @@ def test_huge_screens_are_not_rendered():
     with Client(source(integrator=wvr.Riemann(8.0)), size=(16, 12)) as client:
         client.session._loop.close()
         client.say("resize", width=100_000, height=100_000, pixel_ratio=4)
-        width, height = client.session.state.scene.size
+        width, height = client.session.state.presentation.size
         assert width * height <= 2**24
 
 
@@ -410,12 +412,12 @@ def test_a_canvas_of_rendercanvas_shows_the_still():
 
     canvas = offscreen.OffscreenRenderCanvas(size=(64, 48))
     session = attach(canvas, source())
-    assert session.settle(30) and session.state.scene.size == (64, 48)
+    assert session.settle(30) and session.state.presentation.size == (64, 48)
     canvas.submit_event({"event_type": "pointer_down", "x": 5, "y": 5, "button": 1, "modifiers": ()})
     canvas.submit_event({"event_type": "pointer_move", "x": 25, "y": 9, "button": 1, "buttons": (1,), "modifiers": ()})
     canvas._process_events()
     assert session.settle(30)
-    scene = session.state.scene
+    scene = session.state.presentation
     image = wvr.render(session.source.first_volume, scene.transfer_function, scene.camera, (64, 48), background="black")
     assert np.array_equal(canvas.draw()[..., :3], image.to_uint8())
     assert not np.array_equal(scene.camera.position, session.source.first.camera.position)

@@ -44,7 +44,7 @@ def of_kind(widget, kind):
 
 def test_a_still_is_there_at_once(widget):
     """For whoever has no kernel: in the cell's output and in the widget's saved state."""
-    scene = widget.session.state.scene
+    scene = widget.session.state.presentation
     image = wvr.render(widget.session.source.first_volume, scene.transfer_function, scene.camera, background="black")
     data, _ = widget._repr_mimebundle_()
     assert np.array_equal(pixels(base64.b64decode(data["image/png"])), image.to_uint8())
@@ -63,7 +63,7 @@ def test_views_are_sent_what_they_can_draw(widget):
     assert len(of_kind(widget, "picture")) == 2, "more are not sent before one is drawn"
     widget._receive(widget, {"type": "seen"}, [])
     message, (png,) = of_kind(widget, "picture")[-1]
-    assert message["whole"] and message["camera"]["position"] == list(widget.session.state.scene.camera.position)
+    assert message["whole"] and message["camera"]["position"] == list(widget.session.state.presentation.camera.position)
     assert base64.b64encode(png).decode() in widget.still
     widget._receive(widget, "nonsense", [])
     widget._receive(widget, {"type": "edit", "op": "nonsense"}, [])

@@ -13,18 +13,18 @@ from ..framing import framed, visible_points
 from ..validation import choice
 from ..views import NAMES, View, named_view
 from . import trackball
-from .state import Scene
+from .state import Presentation
 
 
-def viewed(name: str, volume: Field, scene: Scene, labels: Segmentation | None) -> Camera:
+def viewed(name: str, volume: Field, presentation: Presentation, labels: Segmentation | None) -> Camera:
     """A view by name with all that is visible in the frame; ``"reset"`` is from where the camera is."""
     choice(name, "name", ("reset", *NAMES))
-    camera = scene.camera
+    camera = presentation.camera
     _, up, forward = camera.basis()
     view = View(-forward, up) if name == "reset" else named_view(name, volume)
-    shown = scene.transfer_function if labels is None else labels.for_volume(volume)
-    found = visible_points(volume, shown, scene.clips)
-    aspect = scene.size[0] / scene.size[1]
+    shown = presentation.transfer_function if labels is None else labels.for_volume(volume)
+    found = visible_points(volume, shown, presentation.clips)
+    aspect = presentation.size[0] / presentation.size[1]
     return framed(found, *view, view_angle=camera.view_angle, aspect=aspect, parallel=camera.parallel)
 
 

@@ -47,8 +47,8 @@ def source_json(source: Source) -> Json:
 
 def state_json(state: State, history: History[Any]) -> Json:
     """What a client shows of a state."""
-    scene, tf = state.scene, state.scene.transfer_function
-    lighting, shadows = scene.lights()
+    presentation, tf = state.presentation, state.presentation.transfer_function
+    lighting, shadows = presentation.lights()
     return {
         "type": "state",
         "points": None if tf is None else described(tf),
@@ -58,13 +58,13 @@ def state_json(state: State, history: History[Any]) -> Json:
         "clips": state.cuts,
         "lighting": lighting is not None,
         "shadows": shadows is not None,
-        "lamp": scene.lamp or lamp_of(lighting, scene.camera),
-        "placed": scene.lamp is not None,
-        "frame": scene.frame,
+        "lamp": presentation.lamp or lamp_of(lighting, presentation.camera),
+        "placed": presentation.lamp is not None,
+        "frame": presentation.frame,
         "bound": state.bound,
         "outline": state.outline,
-        "parallel": scene.camera.parallel,
-        "camera": camera_json(scene.camera),
+        "parallel": presentation.camera.parallel,
+        "camera": camera_json(presentation.camera),
     }
 
 

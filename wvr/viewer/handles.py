@@ -171,7 +171,7 @@ class Tip(Handle):
 
 def handles(state: State, corners: Floats) -> list[Handle]:
     """Those of the clips that are on, of a volume with these corners; where two are at one place the last is above."""
-    cuts, view = state.cuts, View(state.scene.camera, state.scene.size)
+    cuts, view = state.cuts, View(state.presentation.camera, state.presentation.size)
     found: list[Handle] = []
     if cuts["plane"]["on"]:
         found += _of_plane(state, corners, view)
@@ -191,7 +191,7 @@ def anchor_of(state: State, corners: Floats) -> Floats:
 
 def lines(state: State, corners: Floats) -> list[tuple[str, Floats]]:
     """Kinds and points of the lines that show the clips that are on."""
-    cuts, view = state.cuts, View(state.scene.camera, state.scene.size)
+    cuts, view = state.cuts, View(state.presentation.camera, state.presentation.size)
     found = []
     if cuts["plane"]["on"]:
         point, normal = plane_of(cuts["plane"], corners)
@@ -211,7 +211,7 @@ def lines(state: State, corners: Floats) -> list[tuple[str, Floats]]:
 
 def overlay(state: State, corners: Floats) -> Changes:
     """Handles and lines for a page to draw: places are parts of the picture's width and height."""
-    view = View(state.scene.camera, state.scene.size)
+    view = View(state.presentation.camera, state.presentation.size)
 
     def parts(points: Floats) -> Any:
         return np.round((view.place(points) + 0.5) / view.size, 5)

@@ -17,7 +17,7 @@ from ..renderer import Renderer
 from ..validation import at_most
 from .marks import marked
 from .pace import Pace, shrunk
-from .state import Scene, Source, State
+from .state import Presentation, Source, State
 
 # Of coarse pictures [smallest voxel spacings]: however thin, nothing of the transfer function is missed.
 STEP = 2.0
@@ -58,7 +58,7 @@ class Picture:
     def status(self) -> str:
         """How many pixels, how wrong they are at most, and whether that is what was asked for."""
         width, height = self.image.size
-        size = self.state.scene.size
+        size = self.state.presentation.size
         of = "" if self.image.size == size else f" of {size[0]} × {size[1]}"
         return f"{width} × {height}{of} pixels, {self.accuracy}"
 
@@ -69,7 +69,7 @@ class Picture:
         if image.error_bound is None:
             return "error not bounded" if self.whole else "error not bounded yet"
         bound = image.max_error
-        light = self.state.scene.lights()
+        light = self.state.presentation.lights()
         but = ", but for light" if any(light) else ""
         text = f"error ≤ {at_most(bound)}{but}"
         if not self.whole or self.tolerance is None:
@@ -95,39 +95,39 @@ class Painter:
         segmentation, background = source.call.segmentation, source.background
         self._fine = Renderer(volume, tf, segmentation=segmentation, background=background, **source.options)
         self._coarse = Renderer(volume, tf, segmentation=segmentation, background=background, **source.options)
-        self._last: tuple[Scene, Image] | None = None
+        self._last: tuple[Presentation, Image] | None = None
         self.tolerance: float | None = None
         if isinstance(self._fine.integrator, Certified):
             self.tolerance = self._fine.integrator.tolerance
             self._coarse.integrator = Preintegrated(STEP)
 
     def stages(self, state: State) -> list[Stage]:
-        if self._last is not None and self._last[0] == state.scene:
+        if self._last is not None and self._last[0] == state.presentation:
             return [Stage(1, False)]
-        size = state.scene.size
+        size = state.presentation.size
         return [Stage(self.pace.first(size), True), *(Stage(k, False) for k in self.pace.refinements(size))]
 
     def paint(self, state: State, stage: Stage, cancel: threading.Event) -> Picture:
         whole = stage == Stage(1, False)
-        image = self._image(state.scene, stage, cancel, whole)
+        image = self._image(state.presentation, stage, cancel, whole)
         tolerance = self.tolerance
         return Picture(marked(image, state, tolerance), image, state, whole, tolerance)
 
-    def _image(self, scene: Scene, stage: Stage, cancel: threading.Event, whole: bool) -> Image:
-        if whole and self._last is not None and self._last[0] == scene:
+    def _image(self, presentation: Presentation, stage: Stage, cancel: threading.Event, whole: bool) -> Image:
+        if whole and self._last is not None and self._last[0] == presentation:
             return self._last[1]
         renderer = self._coarse if stage.coarse else self._fine
-        renderer.volume = self.source.volume(scene.frame)
-        renderer.transfer_function = scene.transfer_function
-        renderer.clip = scene.clips
-        renderer.lighting, shadows = scene.lights()
+        renderer.volume = self.source.volume(presentation.frame)
+        renderer.transfer_function = presentation.transfer_function
+        renderer.clip = presentation.clips
+        renderer.lighting, shadows = presentation.lights()
         renderer.shadows = coarser(shadows) if stage.coarse else shadows
-        size = shrunk(scene.size, stage.divisor)
+        size = shrunk(presentation.size, stage.divisor)
         start = perf_counter()
-        image = renderer.render(scene.camera, size, cancel)
+        image = renderer.render(presentation.camera, size, cancel)
         self.pace.took(perf_counter() - start, size[0] * size[1], stage.coarse)
         if whole:
-            self._last = scene, image
+            self._last = presentation, image
         return image
 
 

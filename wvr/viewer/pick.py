@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera import Camera
-from .state import Scene
+from .state import Presentation
 
 Floats = NDArray[np.float64]
 # Samples of the ray, so many a smallest voxel spacing, and at most.
@@ -25,7 +25,7 @@ class Picked(NamedTuple):
     opacity: float
 
 
-def pick(volume: Any, scene: Scene, x: float, y: float) -> Picked | None:
+def pick(volume: Any, presentation: Presentation, x: float, y: float) -> Picked | None:
     """The point of a ray where its opacity reaches half of what it comes to.
 
     Sampled twice a voxel: to know where one points, not to measure.
@@ -40,17 +40,17 @@ def pick(volume: Any, scene: Scene, x: float, y: float) -> Picked | None:
     Picked or None
         None where the ray meets nothing, or nothing is known: of labels, and of fields without samples.
     """
-    tf = scene.transfer_function
+    tf = presentation.transfer_function
     if tf is None or not hasattr(volume, "host"):
         return None
-    origin, direction = ray(scene.camera, scene.size, x, y)
+    origin, direction = ray(presentation.camera, presentation.size, x, y)
     to_index = np.linalg.inv(volume.index_to_world)
     start, way = to_index[:3, :3] @ origin + to_index[:3, 3], to_index[:3, :3] @ direction
     low, high = volume.index_box
     with np.errstate(divide="ignore", invalid="ignore"):
         faces = np.array([(low - start) / way, (high - start) / way])
     enter, leave = float(np.nanmax(faces.min(axis=0))), float(np.nanmin(faces.max(axis=0)))
-    if not scene.camera.parallel:
+    if not presentation.camera.parallel:
         enter = max(enter, 0.0)
     if not enter < leave:
         return None
@@ -60,7 +60,7 @@ def pick(volume: Any, scene: Scene, x: float, y: float) -> Picked | None:
     points = origin + t[:, None] * direction
     values = trilinear(volume.host(), start + t[:, None] * way)
     depth = tf.for_volume(volume).extinction(values, volume.smallest_spacing) * length
-    for clip in scene.clips:
+    for clip in presentation.clips:
         depth = np.where(clip.keeps(points), depth, 0.0)
     opacity = -np.expm1(-np.cumsum(depth))
     if not opacity[-1] > FAINT:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..cuts.shapes import ClipBox, ClipPlane, ClipSphere
 from ..transfer_function import TransferFunction
-from .state import Scene, Source
+from .state import Presentation, Source
 
 WRITTEN = (ClipPlane, ClipBox, ClipSphere)
 NAMES = (
@@ -18,10 +18,10 @@ NAMES = (
 )  # fmt: skip
 
 
-def script(source: Source, scene: Scene, tolerance: float | None) -> str:
+def script(source: Source, presentation: Presentation, tolerance: float | None) -> str:
     """A script with every digit; where what it needs cannot be written down, the name it has is said in a comment."""
-    lighting, shadows = scene.lights()
-    arguments = {"camera": repr(scene.camera), "size": repr(scene.size)}
+    lighting, shadows = presentation.lights()
+    arguments = {"camera": repr(presentation.camera), "size": repr(presentation.size)}
     options: dict[str, Any] = {name: value for name, value in source.options.items() if name != "tolerance"}
     if tolerance is not None:
         options.pop("integrator", None)
@@ -31,8 +31,8 @@ def script(source: Source, scene: Scene, tolerance: float | None) -> str:
     arguments["shadows"] = repr(shadows or False)
     arguments["background"] = repr(source.background)
     said = []
-    written = [clip for clip in scene.clips if isinstance(clip, WRITTEN)]
-    others = len(scene.clips) - len(written)
+    written = [clip for clip in presentation.clips if isinstance(clip, WRITTEN)]
+    others = len(presentation.clips) - len(written)
     clips = [repr(clip) for clip in written]
     if others:
         said.append(f"# clips: the {others} that the viewer was given besides these")
@@ -42,10 +42,10 @@ def script(source: Source, scene: Scene, tolerance: float | None) -> str:
     if source.call.segmentation is not None:
         said.append("# segmentation: the wvr.Segmentation that the viewer was given")
         arguments["segmentation"] = "segmentation"
-    body = _reading(source, scene.frame) + said
+    body = _reading(source, presentation.frame) + said
     shown = "None"
-    if scene.transfer_function is not None:
-        body += [f"transfer_function = {_points(scene.transfer_function)}"]
+    if presentation.transfer_function is not None:
+        body += [f"transfer_function = {_points(presentation.transfer_function)}"]
         shown = "transfer_function"
     body += [f"camera = {arguments.pop('camera')}"]
     call = ",\n    ".join(f"{name}={value}" for name, value in arguments.items())

@@ -24,7 +24,7 @@ from .painter import Painter, Picture
 from .pick import pick
 from .pointer import ARROWS, Pointer, arrow, wheel
 from .script import script
-from .state import MOST_PIXELS, UNSEEN, Scene, Source, State
+from .state import MOST_PIXELS, UNSEEN, Presentation, Source, State
 
 Message = dict[str, Any]
 # What undo goes back to.
@@ -105,7 +105,7 @@ class Session:
             text = str(picture) or type(picture).__name__
             self._send({"type": "error", "message": text, "number": number}, None)
             return
-        image, scene = picture.image, picture.state.scene
+        image, presentation = picture.image, picture.state.presentation
         bounded = image.error_bound is not None
         header = {
             "type": "picture",
@@ -115,8 +115,8 @@ class Session:
             "met": picture.met,
             "bound": image.max_error if bounded else None,
             "pixels": image.size,
-            "size": scene.size,
-            "camera": camera_json(scene.camera),
+            "size": presentation.size,
+            "camera": camera_json(presentation.camera),
             "overlay": overlay(picture.state, self.source.first_volume.corners),
         }
         self._send(header, picture)
@@ -125,21 +125,25 @@ class Session:
         self._send(state_json(self.state, self._history), None)
 
     def _change(self, **fields: Any) -> None:
-        """Of the scene."""
-        self._loop.change(lambda state: replace(state, scene=replace(state.scene, **fields)))
+        """Of the presentation."""
+        self._loop.change(lambda state: replace(state, presentation=replace(state.presentation, **fields)))
 
     def _move(self, move: Callable[[Camera], Camera]) -> None:
         """The camera that is the newest, elsewhere."""
 
         def update(state: State) -> State:
-            camera = move(state.scene.camera)
-            return state if camera is state.scene.camera else replace(state, scene=replace(state.scene, camera=camera))
+            camera = move(state.presentation.camera)
+            return (
+                state
+                if camera is state.presentation.camera
+                else replace(state, presentation=replace(state.presentation, camera=camera))
+            )
 
         self._loop.change(update)
 
     @property
-    def _scene(self) -> Scene:
-        return self.state.scene
+    def _presentation(self) -> Presentation:
+        return self.state.presentation
 
     # Pointer, wheel, keys, size: events of rendercanvas.
 
@@ -147,7 +151,7 @@ class Session:
         self._logical = width, height = max(int(message["width"]), 1), max(int(message["height"]), 1)
         ratio = min(max(float(message.get("pixel_ratio", 1.0)), 0.1), (MOST_PIXELS / (width * height)) ** 0.5)
         size = image_size((max(round(width * ratio), 1), max(round(height * ratio), 1)))
-        first = self._scene.size == UNSEEN
+        first = self._presentation.size == UNSEEN
         self._change(size=size)
         if first and self.source.framed:
             self._on_view({"name": "reset"})
@@ -163,7 +167,7 @@ class Session:
             self._move(lambda camera: self._pointer.move(camera, message, self._logical))
             return
         x, y = self._pixel(message)
-        found = pick(self.source.loaded(self._scene.frame), self._scene, x, y)
+        found = pick(self.source.loaded(self._presentation.frame), self._presentation, x, y)
         self._send({"type": "picked"} | ({} if found is None else found._asdict()), None)
 
     def _on_wheel(self, message: Message) -> None:
@@ -189,23 +193,23 @@ class Session:
 
     def _pixel(self, message: Message) -> tuple[float, float]:
         """Where an event is in the picture."""
-        size = self._scene.size
+        size = self._presentation.size
         x, y = (float(message[axis]) * size[i] / self._logical[i] - 0.5 for i, axis in enumerate("xy"))
         return x, y
 
     # What the panel says.
 
     def _on_view(self, message: Message) -> None:
-        scene = self._scene
-        volume, labels = self.source.volume(scene.frame), self.source.call.segmentation
-        camera = cameras.viewed(message["name"], volume, scene, labels)
+        presentation = self._presentation
+        volume, labels = self.source.volume(presentation.frame), self.source.call.segmentation
+        camera = cameras.viewed(message["name"], volume, presentation, labels)
         self._change(camera=camera)
         self._tell()
 
     def _on_focus(self, message: Message) -> None:
         """Turn around what is at a place of the picture, in the middle where there is none."""
-        x, y = self._pixel(message) if "x" in message else (n / 2 for n in self._scene.size)
-        found = pick(self.source.loaded(self._scene.frame), self._scene, x, y)
+        x, y = self._pixel(message) if "x" in message else (n / 2 for n in self._presentation.size)
+        found = pick(self.source.loaded(self._presentation.frame), self._presentation, x, y)
         if found is not None:
             self._move(lambda camera: cameras.focused(camera, found.position))
 
@@ -214,7 +218,7 @@ class Session:
         self._tell()
 
     def _on_edit(self, message: Message) -> None:
-        tf = self._scene.transfer_function
+        tf = self._presentation.transfer_function
         if tf is None:
             raise ValueError("transfer functions of labels are not edited here")
         edited = edits.edited(tf, message, self.source)
@@ -227,7 +231,7 @@ class Session:
 
     def _on_facing(self, message: Message) -> None:
         """The plane faces the camera: what is nearer than its middle is cut away."""
-        forward = self._scene.camera.basis()[2]
+        forward = self._presentation.camera.basis()[2]
         self._cut(updated(self.state.cuts, "plane", {"on": True, "normal": forward.tolist()}))
 
     def _cut(self, cuts: Settings, anchor: tuple[float, ...] | None = None, drag: Any = None) -> None:
@@ -238,13 +242,15 @@ class Session:
         self._tell()
 
     def _become(self, cuts: Settings, anchor: tuple[float, ...] | None = None, **fields: Any) -> None:
-        """Other clips, and fields of the scene."""
+        """Other clips, and fields of the presentation."""
         fields["clips"] = (*self.source.clips, *clips_of(cuts, self.source.first_volume.corners))
-        self._loop.change(lambda state: replace(state, scene=replace(state.scene, **fields), cuts=cuts, anchor=anchor))
+        self._loop.change(
+            lambda state: replace(state, presentation=replace(state.presentation, **fields), cuts=cuts, anchor=anchor)
+        )
 
     @property
     def _edited(self) -> Edited:
-        return self._scene.transfer_function, self.state.cuts
+        return self._presentation.transfer_function, self.state.cuts
 
     # Handles in the picture: their places are parts of its width and height.
 
@@ -253,10 +259,10 @@ class Session:
         return found[choice(name, "handle", tuple(found))]
 
     def _place(self, message: Message) -> Floats:
-        return finite_vector([*message["at"], 0.0], "at", "a place")[:2] * self._scene.size - 0.5
+        return finite_vector([*message["at"], 0.0], "at", "a place")[:2] * self._presentation.size - 0.5
 
     def _on_grab(self, message: Message) -> None:
-        handle, view = self._handle(message["handle"]), View(self._scene.camera, self._scene.size)
+        handle, view = self._handle(message["handle"]), View(self._presentation.camera, self._presentation.size)
         self._grabs += 1
         self._grab = Grab(handle, view.place(handle.position) - self._place(message), self.state.cuts, self._grabs)
         if handle.kind == "plane":
@@ -266,7 +272,9 @@ class Session:
     def _on_pull(self, message: Message) -> None:
         if self._grab is not None:
             handle, offset, cuts, number = self._grab
-            changes = handle.pull(View(self._scene.camera, self._scene.size), self._place(message) + offset)
+            changes = handle.pull(
+                View(self._presentation.camera, self._presentation.size), self._place(message) + offset
+            )
             self._cut(updated(cuts, handle.kind, changes), self.state.anchor, ("handle", number))
 
     def _on_drop(self, message: Message) -> None:
@@ -276,7 +284,7 @@ class Session:
     def _on_nudge(self, message: Message) -> None:
         handle = self._handle(message["handle"])
         steps = np.array(STEPS[choice(message["key"], "key", tuple(STEPS))]) * (0.1 if message.get("fine") else 1.0)
-        changes = handle.nudge(View(self._scene.camera, self._scene.size), steps)
+        changes = handle.nudge(View(self._presentation.camera, self._presentation.size), steps)
         self._cut(updated(self.state.cuts, handle.kind, changes), drag=("nudge", handle.name))
 
     def _on_undo(self, message: Message) -> None:
@@ -321,10 +329,10 @@ class Session:
     # What is asked for.
 
     def _on_camera(self, message: Message) -> None:
-        self._send({"type": "text", "title": "Camera", "text": f"wvr.{self._scene.camera!r}"}, None)
+        self._send({"type": "text", "title": "Camera", "text": f"wvr.{self._presentation.camera!r}"}, None)
 
     def _on_script(self, message: Message) -> None:
-        text = script(self.source, self._scene, self._painter.tolerance)
+        text = script(self.source, self._presentation, self._painter.tolerance)
         self._send({"type": "text", "title": "Python", "text": text}, None)
 
     def _on_restore(self, message: Message) -> None:
@@ -335,7 +343,7 @@ class Session:
             "camera": camera,
             "frame": min(max(int(known["frame"]), 0), len(self.source.given_volumes) - 1),
         }
-        if known["function"] is not None and self._scene.transfer_function is not None:
+        if known["function"] is not None and self._presentation.transfer_function is not None:
             fields["transfer_function"] = TransferFunction.from_json(known["function"])
         cuts = self.state.cuts
         for kind, changes in known["clips"].items():

@@ -1,4 +1,4 @@
-"""What a viewer shows: a scene that users change piece by piece, and what is drawn over its picture."""
+"""What a viewer shows: a presentation that users change piece by piece, and what is drawn over its picture."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ MOST_PIXELS = 1 << 24
 
 
 @dataclass(frozen=True)
-class Scene:
+class Presentation:
     """What is rendered, as its user left it.
 
     Attributes
@@ -76,17 +76,17 @@ class Scene:
 
 @dataclass(frozen=True)
 class State:
-    """A scene, and what is drawn over its picture: the bound on its error, the edges of the volume's box, and handles.
+    """A presentation, and what is drawn over its picture: the bound on its error, the edges of the box, and handles.
 
     Attributes
     ----------
     cuts
-        The settings of the scene's clips that are the viewer's.
+        The settings of the presentation's clips that are the viewer's.
     anchor
         While a handle is held: the handles of the plane are where this is nearest to the plane.
     """
 
-    scene: Scene
+    presentation: Presentation
     bound: bool = False
     outline: bool = False
     cuts: Settings = field(default_factory=lambda: DEFAULTS)
@@ -119,9 +119,9 @@ class Source:
     given_volumes
         What stands for the volumes: files are read when their turn comes.
     options
-        Of a :class:`wvr.Renderer`, but for what a scene says.
+        Of a :class:`wvr.Renderer`, but for what a presentation says.
     first
-        The scene that every client starts with.
+        The presentation that every client starts with.
     """
 
     given_volumes: Sequence[Any]
@@ -143,7 +143,7 @@ class Source:
         self.clips = clip_list(self.call.clip)
         # With labels, a transfer function is not used.
         function = look.transfer_function if self.call.segmentation is None else None
-        self.first = Scene(look.camera, function, lighting=lighting, shadows=shadows, clips=self.clips)
+        self.first = Presentation(look.camera, function, lighting=lighting, shadows=shadows, clips=self.clips)
 
     def given(self, frame: int) -> Any:
         """What stands for the volume of a frame."""
