@@ -45,13 +45,15 @@ PIXELS = 64
 Row = dict[str, Any]
 
 
-def run(*, record: bool = False, out: Path = Path("out/benchmarks")) -> int:
+def run(*names: str, record: bool = False, out: Path = Path("out/benchmarks")) -> int:
     """Instructions, the share of float64, registers, stack and spills of all kernels; the exit code is 1 if any grew.
 
     Then what is executed: rays of S1 to S3 and Bonsai are cast by the code for CUDA, on the CPU, and counted.
 
     Parameters
     ----------
+    names
+        Scenes whose kernels are asked for (``studies.base.cuda.scenes``), by default all; with names nothing is run.
     record
         Make what is found the record that others are compared with.
     out
@@ -61,10 +63,10 @@ def run(*, record: bool = False, out: Path = Path("out/benchmarks")) -> int:
     folder = RECORDS if record else out
     folder.mkdir(parents=True, exist_ok=True)
     grown = []
-    for name, title, rows in (
-        ("kernels", f"Kernels for sm_{cuda.ARCH}", rows_of(cuda.kernels())),
-        ("executed", f"Executed for a pixel, of code for sm_{cuda.ARCH}", list(executed())),
-    ):
+    tables = {"kernels": (f"Kernels for sm_{cuda.ARCH}", rows_of(cuda.kernels(list(names) or None)))}
+    if not names:
+        tables["executed"] = f"Executed for a pixel, of code for sm_{cuda.ARCH}", list(executed())
+    for name, (title, rows) in tables.items():
         write_rows(folder, name, title, rows)
         grown += regressions(recorded(name), rows)
     table = Table("kernel", "column", "recorded", "now", title="What grew")
@@ -103,7 +105,9 @@ def executed() -> Iterator[Row]:
 
 
 def recorded(name: str) -> list[Row]:
-    """The rows of a record."""
+    """The rows of a record, none where nothing was recorded."""
+    if not (RECORDS / f"{name}.csv").exists():
+        return []
     with (RECORDS / f"{name}.csv").open(encoding="utf-8", newline="") as file:
         return [{k: v if k == "kernel" else float(v) for k, v in row.items() if v} for row in csv.DictReader(file)]
 
