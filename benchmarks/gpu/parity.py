@@ -21,8 +21,8 @@ from .day import FAILED, Day, Row, Work
 
 # What images may be off by from those of the CPU: rounding, in another order.
 CLOSE = 1e-5
-# And of look-ups beside a jump in a table, which multiplies the rounding of scalars: code for CUDA, run on a CPU, is off
-# by 1.6e-5.
+# And of look-ups beside a jump in a table, which multiplies the rounding of scalars: code for CUDA that a CPU runs is
+# off by 1.6e-5.
 LOOKED_UP = 5e-5
 # Of a scene each: samples along an axis, and pixels.
 SIDE, PIXELS = 24, 64
