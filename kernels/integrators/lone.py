@@ -89,7 +89,8 @@ def make_lone(halves):
     @wp.func
     def march(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, begin: wp.float64, end: wp.float64):
         spend = wp.vec3(once(scene.march.cell), once(scene.march.along), wp.float32(scene.march.brightest))
-        clear = once(wp.float64(1.0) - scene.opaque)
+        # A ray of which nothing is left has nothing to spend either.
+        clear = wp.max(once(wp.float64(1.0) - scene.opaque), real(1.0e-30))
         d = wp.vec3(once(direction[0]), once(direction[1]), once(direction[2]))
         walk = enter(scene.field.last, origin, direction, begin, end)
         # In double precision there is nothing but that and the direction.

@@ -195,6 +195,8 @@ def make_rays(halves, rays):
         last = int(rays)
         for r in range(last):
             these.count[r] = 0
+            # A ray of which nothing is left has nothing to spend either.
+            lines[r, 8] = wp.max(lines[r, 8], real(1.0e-300))
             for a in range(5):
                 these.sums[r, a] = real(0.0)
         begin(scene.field.last, these)

@@ -137,6 +137,18 @@ def test_termination_is_in_the_bound():
     assert unending.stats["samples"] > image.stats["samples"]
 
 
+def test_behind_nothing_that_is_left_bounds_hold_nothing():
+    """Where rays never end: transparency is 0 behind the slab, and rows hold little of the noise there."""
+    data = np.random.default_rng(0).random((20, 20, 20)).astype(np.float32)
+    data[:, :, :6] = 1
+    volume = wvr.Volume(data)
+    tf = wvr.TransferFunction.from_arrays(
+        [0, 0.3, 0.3001, 0.7, 1], np.eye(5, 3), [0, 0.2, 0.9, 0.1, 0.99999], unit_distance=1e-4
+    )
+    image = wvr.render(volume, tf, (-1, 0.1, 0.2), (16, 16), tolerance=1e-2, termination=0, lighting=False)
+    assert image.rgba[..., 3].max() == 1 and image.error_bound.max() <= 1e-2
+
+
 def test_same_bits_on_any_number_of_threads(threads):
     volume = volumes()["noisy"]
     tf = transfer_functions(0, 255)["color map"]
