@@ -34,7 +34,10 @@ def make_lit_piece(halves):
         task.what = wp.static(PIECE)
         slope = scene.transfer.slope[k]
         away = wp.dot(middle - wp.vec3d(cell[0], cell[1], cell[2]), d)
-        numbers[0] = wp.float32(-wp.log(wp.max(real(1.0) - A, real(1.0e-30))))
+        # Its depth, which its opacity does not say where that is 1.
+        mean = m[0] + real(wp.static(1.0 / 3.0)) * m[2]
+        extinction = scene.transfer.value[k][3] + (mean - scene.transfer.knot[k]) * slope[3]
+        numbers[0] = wp.float32(length * wp.max(extinction, real(0.0)))
         numbers[1] = wp.float32(A)
         numbers[2] = wp.float32(real(0.5) * length * slope[3])
         for n in range(3):

@@ -111,11 +111,12 @@ def make_shone(halves):
             count = wp.static(MANY)
             while parts < wp.static(PARTS) and matters > real(parts * parts) * real(wp.static(MORE)):
                 parts += 1
-        # Extinction as if it were linear, from its mean and slope in the middle.
+        # Extinction as if it were linear, from its front and mean.
         mid = real(0.5) * x
         g = real(0.5) * c.length * slope[3]
-        rate = g * m1
-        begin = wp.max(mid - rate, real(0.0))
+        begin = mid + g * (real(2.0) * third * m2 - m1 - m3)
+        begin = wp.min(wp.max(begin, real(0.0)), real(1.9) * mid)
+        rate = mid - begin
         total = real(0.0)
         moved = real(0.0)
         mean = vec6()

@@ -1,7 +1,8 @@
 """Light on pieces of ray: where it is asked for, and sixteen at a time in single precision, as text for snippets.
 
-A piece is lit in a few points that see equal parts of its opacity, Gauss and Legendre's, if its extinction were linear:
-at depths -ln(1 - A y). Each weighs w_i, what it truly sees over that, in all 1. What the piece adds is
+A piece is lit in a few points that see equal parts of its opacity, Gauss and Legendre's, if its extinction were linear,
+from what it is in front and as much on the whole: at depths -ln(1 - A y). Its other end is a twentieth of the front at
+least, so that weights are finite. Each weighs w_i, what it truly sees over that, in all 1. What the piece adds is
 ``Ī (A c(mean) + c' V) + c' A sum w_i (I_i - Ī) w(v_i)``, Ī the mean intensity: where light does not change, that of
 ``series``. One whose light changes by so much that it matters is lit in sixteen points or more, in lanes at once.
 Letters and numbers are those of docs/proof-single.md.
@@ -90,7 +91,8 @@ struct Lit {
 // Intensities where a part of the opacity is in front, w there, and what it weighs.
 auto sampled = [&](const Lit& p, vf part, vf* I, vf& weight) __attribute__((noinline)) -> vf {
     const vf* G = p.gradient;
-    const vf a = 0.5f * p.x, k = p.g * p.m1, b = MAX(a - k, zero), y = p.A * part;
+    const vf a = 0.5f * p.x, y = p.A * part;
+    const vf b = MIN(MAX(a + p.g * (p.m2 * (2.0f / 3) - p.m1 - p.m3), zero), 1.9f * a), k = a - b;
     const vf depth = y < 0.06f ? y * (1.0f + y * (0.5f + y * (1.0f / 3))) : bare(1.0f - y);
     const vf root = __builtin_elementwise_sqrt(MAX(b * b + 2.0f * k * depth, zero));
     const vf s = MIN(2.0f * depth / (b + root + 1e-30f), zero + 2.0f), v = s - 1.0f, u = p.mid + p.half * v;

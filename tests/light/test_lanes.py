@@ -67,6 +67,17 @@ def test_cuts_and_own_differences_are_lit_in_lanes(gradient):
     assert error.max() < 2e-2 and error.mean() < 4e-4
 
 
+def test_what_is_opaque_at_once_is_lit_where_it_is_seen():
+    """Pieces beside near jumps are in double precision, and deeper than what an opacity says."""
+    volume = lit_scene("uint8")[0]
+    tf = wvr.TransferFunction.from_arrays(
+        [0, 40, 40 + 1e-7, 90, 200], np.ones((5, 3)), [0, 0.01, 0.6, 0.8, 0.2], unit_distance=0.01
+    )
+    camera, lighting = wvr.Camera.fit(volume), wvr.Lighting(light=wvr.DirectionalLight((1, 2, 3)), specular=0.0)
+    truth = wvr.render(volume, tf, camera, (32, 32), integrator=wvr.Exact(), lighting=lighting)
+    assert max_error(wvr.render(volume, tf, camera, (32, 32), lighting=lighting), truth.rgba) < 1e-3
+
+
 def test_where_all_is_ambient_light_is_none():
     volume, tf, _ = lit_scene("uint8")
     camera = wvr.Camera.fit(volume)
