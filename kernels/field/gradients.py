@@ -21,10 +21,11 @@ const auto* __restrict data = field.data.data;
 const int64_t nx = field.data.shape[2], nxy = nx * field.data.shape[1];
 const int n = which.data[0];
 const int last[3] = {field.last[0], field.last[1], field.last[2]};
-float world[9], ahead[9];
+float world[9];
+double ahead[9];
 for (int m = 0; m < 9; ++m) {
     world[m] = (float)to_world.data[m / 3][m % 3];
-    ahead[m] = (float)ahead_of.data[m / 3][m % 3];
+    ahead[m] = ahead_of.data[m / 3][m % 3];
 }
 for (int j = 0; j < n; j += 16) {
     // Samples about a cell, x fastest: those that a difference along one axis needs.
@@ -52,7 +53,7 @@ LOAD
         start[l] = times.data[i];
         stop[l] = times.data[times.shape[1] + i];
     }
-    v8f p8[8][2];
+    v8f p8[11][2];
     for (int b = 0; b < 2; ++b) {
 #define HALF(a) (*(const vd*)(a + 8 * b))
         const vd t = 0.5 * (HALF(start) + HALF(stop));
@@ -62,6 +63,12 @@ LOAD
         }
         p8[6][b] = __builtin_convertvector(0.5 * (HALF(stop) - HALF(start)), v8f);
         p8[7][b] = __builtin_convertvector(t - HALF(line[6]), v8f);
+        // Towards the viewer: squares of what the world is measured in may be beyond single precision.
+        vd e[3];
+        for (int m = 0; m < 3; ++m)
+            e[m] = ahead[3 * m] * HALF(line[3]) + ahead[3 * m + 1] * HALF(line[4]) + ahead[3 * m + 2] * HALF(line[5]);
+        const vd unit = -1.0 / __builtin_elementwise_sqrt(e[0] * e[0] + e[1] * e[1] + e[2] * e[2]);
+        for (int m = 0; m < 3; ++m) p8[8 + m][b] = __builtin_convertvector(unit * e[m], v8f);
     }
 #define PLACED(m) JOIN(p8[m][0], p8[m][1])
     const vf fx = PLACED(0), fy = PLACED(1), fz = PLACED(2), d0 = PLACED(3), d1 = PLACED(4), d2 = PLACED(5);
@@ -98,10 +105,7 @@ UNPACK
         for (int m = 0; m < 4; ++m)
             *(vf*)(out + (4 * r + m) * room) = world[3 * r] * g[0][m] + world[3 * r + 1] * g[1][m]
                 + world[3 * r + 2] * g[2][m];
-    vf e[3];
-    for (int r = 0; r < 3; ++r) e[r] = ahead[3 * r] * d0 + ahead[3 * r + 1] * d1 + ahead[3 * r + 2] * d2;
-    const vf unit = -1.0f / __builtin_elementwise_sqrt(e[0] * e[0] + e[1] * e[1] + e[2] * e[2]);
-    for (int r = 0; r < 3; ++r) *(vf*)(out + (12 + r) * room) = e[r] * unit;
+    for (int m = 0; m < 3; ++m) *(vf*)(out + (12 + m) * room) = PLACED(8 + m);
     for (int m = 1; m < 4; ++m) *(vf*)(out + (14 + m) * room) = s[m];
     *(vf*)(out + 18 * room) = h;
     const vf way = __builtin_elementwise_sqrt(d0 * d0 + d1 * d1 + d2 * d2);

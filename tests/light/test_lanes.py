@@ -86,6 +86,15 @@ def test_where_all_is_ambient_light_is_none():
     assert max_error(lit, wvr.render(volume, tf, camera, (32, 32)).rgba) < 1e-6
 
 
+@pytest.mark.parametrize("unit", [1e-30, 1e24])
+def test_light_is_the_same_in_any_unit_of_length(unit):
+    """The square of which may be beyond single precision, as that of a megaparsec in metres."""
+    volume, tf, options = lit_scene("uint8")
+    other = wvr.Volume(volume.numpy(), spacing=unit * np.array(volume.spacing))
+    images = [wvr.render(one, tf, (1, 0.6, 0.4), (16, 16), **options) for one in (volume, other)]
+    assert max_error(images[1], images[0].rgba) < 1e-6
+
+
 CHANGING = """
 Lit p;
 for (int n = 0; n < 15; ++n) p.gradient[n] = *(const vf*)(gradient.data + 16 * n);
