@@ -8,6 +8,9 @@ from ..field.gradients import ROWS
 from .crossings import make_crossings
 from .lit import JOBS, PIECE, PLACES, Task
 
+# Depth of a piece, at most, as far as its light is concerned.
+DEEPEST = wp.float64(1e9)
+
 
 @cache
 def make_lit_piece(halves):
@@ -37,9 +40,12 @@ def make_lit_piece(halves):
         # Its depth, which its opacity does not say where that is 1.
         mean = m[0] + real(wp.static(1.0 / 3.0)) * m[2]
         extinction = scene.transfer.value[k][3] + (mean - scene.transfer.knot[k]) * slope[3]
-        numbers[0] = wp.float32(length * wp.max(extinction, real(0.0)))
+        depth = length * wp.max(extinction, real(0.0))
+        # Of what is deeper only the front is seen; but of squares of depths single precision has no more.
+        less = wp.min(wp.static(DEEPEST) / wp.max(depth, real(1.0)), real(1.0))
+        numbers[0] = wp.float32(less * depth)
         numbers[1] = wp.float32(A)
-        numbers[2] = wp.float32(real(0.5) * length * slope[3])
+        numbers[2] = wp.float32(less * real(0.5) * length * slope[3])
         for n in range(3):
             numbers[3 + n] = wp.float32(m[1 + n])
             numbers[8 + n] = wp.float32(segment[n] / A)

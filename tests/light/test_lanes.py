@@ -67,11 +67,13 @@ def test_cuts_and_own_differences_are_lit_in_lanes(gradient):
     assert error.max() < 2e-2 and error.mean() < 4e-4
 
 
-def test_what_is_opaque_at_once_is_lit_where_it_is_seen():
-    """Pieces beside near jumps are in double precision, and deeper than what an opacity says."""
+@pytest.mark.filterwarnings("ignore:.*bounded by more")
+@pytest.mark.parametrize("unit", [1e-2, 1e-25])
+def test_what_is_opaque_at_once_is_lit_where_it_is_seen(unit):
+    """Pieces beside near jumps are in double precision, and deeper than what an opacity says, or single precision."""
     volume = lit_scene("uint8")[0]
     tf = wvr.TransferFunction.from_arrays(
-        [0, 40, 40 + 1e-7, 90, 200], np.ones((5, 3)), [0, 0.01, 0.6, 0.8, 0.2], unit_distance=0.01
+        [0, 40, 40 + 1e-7, 90, 200], np.ones((5, 3)), [0, 0.01, 0.6, 0.8, 0.2], unit_distance=unit
     )
     camera, lighting = wvr.Camera.fit(volume), wvr.Lighting(light=wvr.DirectionalLight((1, 2, 3)), specular=0.0)
     truth = wvr.render(volume, tf, camera, (32, 32), integrator=wvr.Exact(), lighting=lighting)
