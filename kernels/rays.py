@@ -63,17 +63,19 @@ for (int b = 0; b < TILE / 8; ++b) {
     vd off = 6.0 * most * e * steepest;
     const vq plain = (stop > start) & (least > 0.0) & (off < little);
     if (__builtin_reduce_and(plain) == 0) {
+        bool thin = false;
         for (int a = 0; a < 3; ++a) {
             const bool from = seen_low[a] <= low[a], to = seen_high[a] >= high[a];
             low[a] = closer_low[a] = seen_low[a];
             high[a] = closer_high[a] = seen_high[a];
             if (from) low[a] -= e, closer_low[a] += e;
             if (to) high[a] += e, closer_high[a] -= e;
+            thin |= closer_low[a] > closer_high[a];
         }
         vd begin = first - e, end = none + FAR, nearer = first + e, farther = none + FAR;
         inside(low, high, anchor, begin, end);
         inside(closer_low, closer_high, anchor, nearer, farther);
-        const vd loose = end - begin - (farther > nearer ? farther - nearer : none);
+        const vd loose = end - begin - ((farther > nearer) & -(long long)!thin ? farther - nearer : none);
         const vd around = most * (loose + 0x1p-48 * (end - begin));
         off = plain ? off : end > begin ? around : none;
     }

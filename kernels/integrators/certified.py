@@ -135,6 +135,7 @@ def make_edge(halves):
         high = view.seen_high
         closer_low = low
         closer_high = high
+        thin = bool(False)
         for a in range(3):
             if low[a] <= view.low[a]:
                 low[a] -= e
@@ -142,12 +143,14 @@ def make_edge(halves):
             if high[a] >= view.high[a]:
                 high[a] += e
                 closer_high[a] -= e
+            # Nothing is inside; as where there is nothing to see.
+            thin = thin or closer_low[a] > closer_high[a]
         start, end = inside(low, high, anchor, inverse, first - e, FAR)
         nearer, farther = inside(closer_low, closer_high, anchor, inverse, first + e, FAR)
         if not end > start:
             return zero, cap
         loose = end - start
-        if farther > nearer:
+        if farther > nearer and not thin:
             loose -= farther - nearer
         return most * (loose + wp.float64(wp.static(2.0**-48)) * (end - start)), cap
 

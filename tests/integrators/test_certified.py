@@ -149,6 +149,16 @@ def test_behind_nothing_that_is_left_bounds_hold_nothing():
     assert image.rgba[..., 3].max() == 1 and image.error_bound.max() <= 1e-2
 
 
+@pytest.mark.filterwarnings("ignore:nothing is visible")
+@pytest.mark.parametrize("depth", [None, np.full((12, 12), np.inf)], ids=["rays abreast", "one by one"])
+def test_bounds_are_not_negative_from_a_corner_where_there_is_nothing_to_see(depth):
+    volume = wvr.Volume(np.zeros((3, 3, 3), np.uint8), spacing=(3.0, 17.0, 0.2))
+    camera = wvr.Camera((0, 0, 0), (1, 0.4, 0.05))
+    tf = wvr.TransferFunction([(0, "red", 0.0), (9, "red", 0.0), (20, "red", 0.5)])
+    image = wvr.render(volume, tf, camera, (12, 12), tolerance=1e-2, depth=depth, lighting=False)
+    assert image.error_bound.min() >= 0 and image.rgba.max() == 0
+
+
 def test_same_bits_on_any_number_of_threads(threads):
     volume = volumes()["noisy"]
     tf = transfer_functions(0, 255)["color map"]
