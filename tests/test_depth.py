@@ -211,4 +211,5 @@ def test_masked_depths_end_nothing():
     free = wvr.render(volume, FOG, camera, (9, 7))
     mask = np.arange(63).reshape(7, 9) % 2 == 0
     ended = wvr.render(volume, FOG, camera, (9, 7), depth=np.ma.masked_array(np.zeros((7, 9)), mask))
-    assert np.array_equal(ended.rgba[mask], free.rgba[mask]) and not ended.rgba[~mask].any()
+    # Which cells are computed side by side goes with the rays that there are, and with that how sums are rounded.
+    assert np.allclose(ended.rgba[mask], free.rgba[mask], rtol=0, atol=1.2e-7) and not ended.rgba[~mask].any()
