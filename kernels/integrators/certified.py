@@ -19,11 +19,12 @@ from ..light.points import make_shading
 from ..ray import FAR, inside
 from ..transfer.function import make_transfer
 from ..transfer.rows import Rows
-from .cubics import Cubic, from_start, make_cubics, make_shone
+from .cubics import from_start, make_cubics
 from .lone import make_lone
 from .packed import RAYS, SCRATCH, make_packed, make_rays
 from .pieces import VALUE, make_jumps, make_pieces
 from .series import make_series
+from .shone import Cubic, make_shone
 
 
 @wp.struct
@@ -342,7 +343,7 @@ def make_certified(halves):
                         )
                         segment[3] = A[l]
                         if wp.static(lighted):
-                            segment = shone(scene, here, q, x[l], segment)
+                            segment = shone(scene, here, q, segment)
                         error = risk[l]
                     else:
                         pieces = int(0)

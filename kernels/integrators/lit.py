@@ -1,4 +1,4 @@
-"""Cells lit sixteen at a time, in vectors: what ``cubics.make_shone`` says of one, and ``light.shine`` how."""
+"""Cells lit sixteen at a time, in vectors: what ``shone`` says of one, and ``light.shine`` how."""
 
 import warp as wp
 

@@ -16,12 +16,13 @@ from ..field.gradients import ROWS
 from ..field.strides import STATE, Rays, make_each
 from ..transfer.function import make_transfer
 from .crossings import make_crossings
-from .cubics import Cubic, from_start, make_cubics
+from .cubics import from_start, make_cubics
 from .lit import CELLS as LIT_CELLS
 from .lit import CUT, JOBS, PLACES, Task, in_lanes
 from .lit import SCRATCH as LIT_SCRATCH
 from .packet import make_packet
 from .pieces import make_pieces
+from .shone import Cubic
 from .single import CELLS, LANES, make_single
 
 # How far a ray may be astray for cells in single precision [index coordinates].

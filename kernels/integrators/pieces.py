@@ -4,7 +4,7 @@ On such a piece the scalar s is a cubic in the length u from its start, extincti
 optical depth D is a quartic in closed form. What the piece adds of colour is
 ``int c tau exp(-D) du = c0 (1 - exp(-D)) + c' int (s - s0) tau exp(-D) du``; quadrature is left with the last integral,
 whose terms have one sign where s is monotone. Where there is light, which is no polynomial, the whole colour is left to
-quadrature, with eight nodes or more.
+quadrature, with eight nodes or more; where there is a tolerance, to ``shone``.
 """
 
 from functools import cache
@@ -21,6 +21,7 @@ from ..transfer.linear import CUT
 from .alone import make_lit_piece
 from .lit import in_lanes
 from .series import VALUE
+from .shone import Cubic, make_shone
 
 # Nodes of the Gauss-Legendre rules, of which a piece takes the first that is exact to ACCURACY at its optical depth; it
 # is cut at multiples of the last one's.
@@ -151,8 +152,12 @@ def make_pieces(halves):
     numbers = wp.constant(wp.types.vector(rules, int)(*NODES))
     depths = wp.constant(wp.types.vector(rules, wp.float64)(*map(deepest, NODES)))
     opaque = CUT["float64"]
-    lighted = halves.light is not None and not in_lanes(halves)
-    lit_piece = make_lit_piece(halves) if in_lanes(halves) else None
+    lanes = in_lanes(halves)
+    # With a tolerance pieces are lit by what their light changes.
+    bounded = halves.light is not None and not lanes and halves.march.bounded
+    lighted = halves.light is not None and not lanes and not bounded
+    lit_piece = make_lit_piece(halves) if lanes else None
+    shone = make_shone(halves) if bounded else None
     _, gradient, light, lit, *_ = make_shading(halves)
     jumps = make_jumps(halves)
     jump, fuzzy, smeared = jumps.jump, jumps.fuzzy, jumps.smeared
@@ -292,11 +297,22 @@ def make_pieces(halves):
                     part.s = moved(s, start)
                     part.length = stop - start
                     added = piece(scene, part, m)
-                    if wp.static(in_lanes(halves)):
+                    if wp.static(lanes or bounded):
                         h = wp.float64(0.5) * part.length
                         c = moved(part.s, h)
                         terms = wp.vec4d(c[0], h * c[1], h * h * c[2], h * h * h * c[3])
-                        added = lit_piece(scene, part.start + h * part.d, part.d, part.length, terms, m, added)
+                        middle = part.start + h * part.d
+                        if wp.static(lanes):
+                            added = lit_piece(scene, middle, part.d, part.length, terms, m, added)
+                        else:
+                            cubic = Cubic()
+                            cubic.middle = middle
+                            cubic.d = part.d
+                            cubic.eye = part.eye
+                            cubic.m = terms
+                            cubic.length = part.length
+                            cubic.T = wp.float64(1.0) - segment[3]
+                            added = shone(scene, cubic, m, added)
                     if wp.static(sharp):
                         error += smeared(scene, m, part.length, added[3], blur)
                     segment = over(segment, added)
