@@ -5,11 +5,12 @@ the tolerance. Opacity, and the bound, know nothing of it.
 """
 
 from functools import cache
+from itertools import chain
 
 import warp as wp
 
 from ..light.points import make_shading
-from ..light.shine import FEW, MANY, MORE, MUCH, PARTS, rule
+from ..light.shine import FEW, GOOD, MANY, MUCH, PARTS, rule
 
 vec6 = wp.types.vector(6, wp.float64)
 
@@ -33,9 +34,10 @@ def make_shone(halves):
     real = wp.float64
     Scene = halves.Scene
     _, _, light, _, factors, bare, towards_cut = make_shading(halves)
-    nodes, shares = (
-        wp.constant(wp.types.vector(FEW + MANY, real)(*a, *b)) for a, b in zip(rule(FEW), rule(MANY), strict=True)
-    )
+    # Rules of FEW points to MANY, twice as many each.
+    rules = [rule(n) for n in GOOD]
+    nodes, shares = (wp.constant(wp.types.vector(sum(GOOD), real)(*chain(*of))) for of in zip(*rules, strict=True))
+    good = wp.constant(wp.types.vector(len(GOOD), real)(*(MUCH * times for times in GOOD.values())))
     # Where a gradient along a piece is asked for, that is a cubic there: off the ends, at which it may jump.
     near, far = 0.3, 0.9
 
@@ -75,12 +77,14 @@ def make_shone(halves):
         matters = c.T * A * change / scene.march.tolerance
         first = int(0)
         count = int(wp.static(FEW))
+        n = int(0)
+        while count < wp.static(MANY) and matters > good[n]:
+            first += count
+            count *= 2
+            n += 1
         parts = int(1)
-        if matters > real(wp.static(MUCH)):
-            first = wp.static(FEW)
-            count = wp.static(MANY)
-            while parts < wp.static(PARTS) and matters > real(parts * parts) * real(wp.static(MORE)):
-                parts += 1
+        while parts < wp.static(PARTS) and matters > real(parts * parts) * good[wp.static(len(GOOD) - 1)]:
+            parts += 1
         # Extinction as if it were linear, from its front and mean.
         extinction = scene.transfer.value[k][3] + (c.m[0] + third * m2 - scene.transfer.knot[k]) * slope[3]
         mid = real(0.5) * c.length * wp.max(extinction, real(0.0))

@@ -16,10 +16,12 @@ from .points import CUT
 FEW = 2
 MANY = 16
 PARTS = 3
-# What light may change a piece's part of the pixel by, in parts of the tolerance of a piece: that few will do for, the
-# whole tolerance; and that MANY will do for, which are off by a thirtieth of what few are (S21).
+# What light may change a piece's part of the pixel by, in parts of the tolerance of a piece, that few will do for: the
+# whole tolerance. And that more points will do for, in parts of that, being so much less off (S21). In lanes sixteen
+# cost as much as four.
 MUCH = 4.0
-MORE = 30 * MUCH
+GOOD = {2: 1.0, 4: 2.4, 8: 8.0, 16: 30.0}
+MORE = GOOD[MANY] * MUCH
 
 
 def rule(n):
