@@ -115,6 +115,24 @@ def test_what_is_not_read_is_in_the_bound_of_an_extreme(known, what, budget):
             assert image.error_bound.max() < 1e-6 and image.stats["bricks_unread"] == 0
 
 
+@pytest.mark.parametrize(("seed", "method"), [(3, wvr.Projection("min")), (50, wvr.Certified(1e-3))], ids=repr)
+def test_what_stands_for_blocks_that_are_not_read_is_not_seen_in_edges(monkeypatch, seed, method):
+    """Of a layer that no ray meets samples are others than those of its edges, which rays meet and see nothing in."""
+    monkeypatch.setattr(stored, "ALONG", 2)
+    rng = np.random.default_rng(seed)
+    z, y, x = np.indices((13, 12, 12))
+    a, b, c = rng.uniform(0.2, 1.2, 3)
+    data = ((np.sin(x * a + 1) + np.cos(y * b) * np.sin(z * c) + 2) / 4).astype(np.float32)
+    spacing = 10 ** rng.uniform(-1, 1, 3)
+    camera = wvr.Camera(*(rng.uniform(0, 11, 3) * spacing for _ in range(2)), view_angle=90)
+    volumes = wvr.Volume(data, spacing), wvr.build_ranges(wvr.open(data.copy(), spacing=spacing))
+    tf = [(0, "white", 0.9), (0.25, "white", 0.5), (0.25, "white", 0.0), (1, "white", 0.0)]
+    whole, image = (wvr.render(v, tf, camera, (24, 24), integrator=method, lighting=False) for v in volumes)
+    one, other = (i.rgba if i.values is None else i.values[..., None] for i in (image, whole))
+    apart = np.abs(one.astype(float) - other).max(axis=2)
+    assert np.all(apart <= image.error_bound.astype(float) + whole.error_bound)
+
+
 def test_only_bricks_that_may_have_more_are_read(known):
     """No block is read whose samples, and those beside it, are all below what each ray finds."""
     camera = wvr.Camera((19.5, 21.45, -60), (19.5, 21.45, 0), up=(0, 1, 0), parallel_scale=21.0)

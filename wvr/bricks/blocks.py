@@ -119,8 +119,10 @@ class Blocks:
             begin, end = self.volume.block(block)
             begin, end = np.maximum(begin, low), np.minimum(end, high)
             part = tuple(slice(a, b + 1) for a, b in zip((begin - low)[::-1], (end - low)[::-1], strict=True))
-            read = needed is None or block in needed
-            samples[part] = self._part(block, begin, end) if read else self._unseen(block, begin, end)
+            if needed is None or block in needed:
+                samples[part] = self._part(block, begin, end)
+            else:
+                self._fill(samples[part], block, begin, end, (low, high))
         self._trim(index)
         return Brick(samples, low, self.volume)
 
@@ -143,6 +145,20 @@ class Blocks:
             self._read(block, low, high)
         self._full.move_to_end(block)
         return self._full[block][_slices(begin - low, end - low)]
+
+    def _fill(self, part: NDArray, block: Index, begin: NDArray, end: NDArray, box: tuple[NDArray, NDArray]) -> None:
+        """What is not needed: of each piece of the brick a sample as there are some, those of more blocks last."""
+        first, last = self.volume.block(block)
+        spans = []
+        for axis, (a, b) in enumerate(zip(begin.tolist(), end.tolist(), strict=True)):
+            spans.append([(a, b)])
+            if a == first[axis] and box[0][axis] < a:
+                spans[axis].append((a, a))
+            if b == last[axis] and b < box[1][axis]:
+                spans[axis].append((b, b))
+        for chosen in product(*spans):
+            low, high = np.array(chosen).T
+            part[_slices(low - begin, high - begin)] = self._unseen(block, low, high)
 
     def _unseen(self, block: Index, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Any:
         """A sample as there are some in a part of a block, so that where nothing is seen of those it is not of this."""
