@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import wvr
@@ -140,6 +140,7 @@ def test_what_is_seen_from_its_end_goes_by_the_height_of_the_pointer():
 
 @settings(max_examples=40, deadline=None)
 @given(angles, st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda n: np.linalg.norm(n) > 0.1), st.floats(0, 1), parts)
+@example((0.0, 0.0, False), (0.0, 5.9e-253, 1.0), 0.0, (0.5, 0.5, 0.5))
 def test_lines_are_where_clips_cut(view, normal, at, center):
     """The plane's on its cut of the box, the ball's where rays touch it."""
     now = state(camera(*view), plane={"normal": list(normal), "at": at}, sphere={"center": list(center)}, box={})

@@ -307,7 +307,7 @@ def _section(point: Floats, normal: Floats, corners: Floats) -> Floats:
     cut = [
         corners[a] + side[a] / (side[a] - side[b]) * (corners[b] - corners[a])
         for a, b in EDGES
-        if side[a] * side[b] <= 0 and side[a] != side[b]
+        if np.sign(side[a]) != np.sign(side[b])  # their product may be too small for a number
     ]
     if not cut:
         return corners[[np.argmin(np.abs(side))]]
