@@ -136,7 +136,6 @@ UNCOMMITTED = {
     f"{study}/{part}"
     for study, parts in {
         "angelelli2017": "figure5 model",
-        "frontier": "aneurism bluntfin scaling",
     }.items()
     for part in parts.split()
 }
