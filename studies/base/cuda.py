@@ -88,7 +88,7 @@ def scenes(side: int = 6, pixels: int = 16) -> dict[str, partial[wvr.Image]]:
         add(f"{name} labels", volume(), None, segmentation=labels, **options)
         add(f"{name} clip volume", volume(), clip=solid, **options)
         add(f"{name} absent", volume("float32", absent=True), **options)
-    for name in ("", "cut"):
+    for name in ("", "lit", "cut"):
         add(f"certified smooth {name}".strip(), volume(), SMOOTH, integrator=INTEGRATORS["certified"], **extras[name])
     add("certified smooth absent", volume("float32", absent=True), SMOOTH, integrator=INTEGRATORS["certified"])
     add("certified smooth float64", volume("float64"), SMOOTH, integrator=INTEGRATORS["certified"])
