@@ -6,6 +6,7 @@ from functools import cache
 import warp as wp
 
 from ..field.walk import ahead
+from ..ray import LEAVE
 from ..segment import over
 from .labels import make_label_span, make_labels
 from .shapes import KINDS
@@ -95,6 +96,7 @@ def make_stretches(halves):
     near_surfaces = make_near_surfaces(cuts.kinds, cuts.volumes)
     cut_normal = make_cut_normal(cuts.kinds, cuts.volumes)
     lit = halves.light is not None and cuts.clipped
+    leaves = halves.leaves
 
     @wp.func
     def stretches(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, start: wp.float64, stop: wp.float64):
@@ -131,6 +133,10 @@ def make_stretches(halves):
                 if wp.static(halves.traced):
                     scene.trace.front = ray
                 stretch, number, error = march(scene, origin, direction, t, until)
+                if wp.static(leaves):
+                    if error >= LEAVE:
+                        # However little of it is seen, all of the ray is left to another launch.
+                        return ray, count, error
                 bound += clear * error
                 scene.stretch += 1
                 if wp.static(halves.traced):

@@ -207,17 +207,21 @@ def test_random_scenes_are_within_their_bounds(lone, tolerance):
 
 
 def test_absent_cells_and_clips(lone):
-    """Samples that are missing are nothing; a bound holds behind what is cut away, and of rays left to others."""
+    """Samples that are missing are nothing; a bound holds behind what is cut away, and of rays left to others, also
+    where that is found out behind a cut.
+    """
     rng = np.random.default_rng(0)
     data = (100 * rng.random((9, 9, 9))).astype(np.float32)
     data[3:5, 2:6, 4] = np.nan
     volume = wvr.Volume(data, nan="transparent")
     tf = wvr.TransferFunction([(0, "blue", 0.0), (40, "red", 0.1), (48, "gold", 0.0), (100, "white", 0.5)])
-    clip = wvr.ClipSphere((4, 4, 4), 2.5, invert=True)
-    exact, image = (
-        wvr.render(volume, tf, "iso", (24, 24), clip=clip, lighting=False, **options)
-        for options in ({"integrator": wvr.Exact()}, {"tolerance": 1e-3})
-    )
-    error = np.abs(image.rgba.astype(float) - exact.rgba).max(axis=2)
-    assert np.all(error <= image.error_bound) and image.error_bound.max() <= 1e-3
-    assert exact.rgba[..., 3].max() > 0.5 and len(lone) == 3
+    slab = wvr.ClipBox((-1, -1, 3), (9, 9, 4), invert=True)
+    for clip, tolerance in ((wvr.ClipSphere((4, 4, 4), 2.5, invert=True), 1e-3), (slab, 1e-4)):
+        lone.clear()
+        exact, image = (
+            wvr.render(volume, tf, "iso", (24, 24), clip=clip, lighting=False, **options)
+            for options in ({"integrator": wvr.Exact()}, {"tolerance": tolerance})
+        )
+        error = np.abs(image.rgba.astype(float) - exact.rgba).max(axis=2)
+        assert np.all(error <= image.error_bound) and image.error_bound.max() <= tolerance
+        assert exact.rgba[..., 3].max() > 0.5 and len(lone) == 3
