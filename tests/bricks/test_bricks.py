@@ -249,6 +249,7 @@ class Own(wvr.Exact):
         ({"integrator": Own()}, "integrator"),
         ({"shadows": True}, "shadows"),
         ({"memory_limit": "much"}, "memory_limit"),
+        ({"memory_limit": "1e400"}, "memory_limit"),
         ({"memory_limit": 10}, "memory_limit"),
         ({"budget": -1.0}, "budget"),
         ({"missing": "zero"}, "missing"),

@@ -97,7 +97,7 @@ def parsed_bytes(given: Any, name: str) -> int:
         if match and match[2] in UNITS:
             try:
                 return int(float(match[1]) * UNITS[match[2]])
-            except ValueError:
+            except (ValueError, OverflowError):
                 pass
     elif isinstance(given, int | float) and not isinstance(given, bool) and given > 0 and given < 2**63:
         return int(given)
