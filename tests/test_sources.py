@@ -185,8 +185,14 @@ def test_other_grids_are_resampled_and_say_so(kind):
     elif kind == "unstructured":
         grid = grid.cast_to_unstructured_grid().extract_cells(np.arange(0, 64, 2))
     grid["s"] = grid.points @ [1.0, 2.0, -1.0]
+    grid["other"] = np.zeros(grid.n_points)
+    grid.set_active_scalars("other")
     with pytest.warns(UserWarning, match=r"is resampled on \d+ x \d+ x \d+ samples"):
         volume = as_volume(grid, scalars="s")
+    # What is its user's stays as it was.
+    assert grid.active_scalars_name == "other"
+    with pytest.raises(ValueError, match=r"scalars must name an array of the dataset, one of .*'s'.*, got 'nothing'"):
+        as_volume(grid, scalars="nothing")
     k, j, i = np.indices(volume.shape)
     points = np.stack([i, j, k], -1) @ volume.index_to_world[:3, :3].T + volume.origin
     inside = np.isfinite(volume.numpy())

@@ -322,8 +322,6 @@ def _resampled(grid: pv.DataSet, scalars: str | None, nan: NanPolicy) -> Volume:
     dimensions = np.clip(np.ceil(lengths / step).astype(int) + 1, 2, 1024)
     spacing = lengths / (dimensions - 1)
     image = pv.ImageData(dimensions=tuple(dimensions), spacing=tuple(spacing), origin=tuple(bounds[:, 0]))
-    if scalars is not None:
-        grid.set_active_scalars(scalars)
     sampled = image.sample(grid)
     name = scalars or grid.active_scalars_name or next((str(key) for key in sampled.point_data), None)
     if name is None or name not in sampled.point_data:
