@@ -247,10 +247,9 @@ class Camera:
             raise ValueError(f"points must be (..., 3) world coordinates, got shape {given.shape}")
         offset = given - self.position
         depth = offset @ forward
-        if self.parallel_scale is not None:
-            half: Any = self.parallel_scale
-        else:
-            half = np.where(depth > 0, depth, np.nan) * np.tan(np.radians(self.view_angle) / 2)
+        half: Any = self.half_height
+        if not self.parallel:
+            half = np.where(depth > 0, depth, np.nan) * half
         x, y = offset @ right / half, offset @ up / half
         return np.stack([(x * height + width - 1) / 2, (height - 1 - y * height) / 2], axis=-1)
 
