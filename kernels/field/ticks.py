@@ -15,7 +15,7 @@ whole3 = wp.types.vector(3, wp.int64)
 
 @wp.struct
 class Ticks:
-    """Where a ray is, in ticks, of which its stretch has 2^52 to 2^53."""
+    """Where a ray is, in ticks, of which there are 2^52 to 2^53 to the farther end of its stretch, or in all of it."""
 
     t: wp.int64
     last: wp.int64  # in the cell where it crosses a face from here on, it ends
@@ -66,8 +66,9 @@ def make_ticks():
                 out = wp.where(there < out, there, out)
         length = out - start
         if length > wp.float64(0.0):
-            # The power of two that makes the length 2^52 ticks or more, by its exponent.
-            exponent = (wp.cast(length, wp.int64) >> wp.int64(52)) & wp.int64(0x7FF)
+            # The power of two that makes it 2^52 ticks or more to the farther end, by the exponent, as of ``strides``.
+            most = wp.max(length, wp.max(wp.abs(start), wp.abs(out)))
+            exponent = (wp.cast(most, wp.int64) >> wp.int64(52)) & wp.int64(0x7FF)
             scale = wp.cast((wp.int64(2046 + 52) - wp.max(exponent, wp.int64(100))) << wp.int64(52), wp.float64)
             tick = wp.float64(1.0) / scale
             w.tick = wp.float32(tick)

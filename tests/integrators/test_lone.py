@@ -19,7 +19,7 @@ from wvr.launch import get_device
 from wvr.transfer.function import Transfer, struct_of, transfer_values
 from wvr.transfer.rows import rows
 
-from .test_single import sampled, scene
+from .test_single import sampled, scene, short_ends
 
 U = 2.0**-24
 MOST = 128
@@ -71,6 +71,19 @@ def passed(
 enter, pass_one = make_ticks()
 
 
+def walked(masks, shape, lines):
+    """What rays pass: cells, middles, halves of lengths, times, and how many."""
+    blocks = Blocks()
+    blocks.masks = wp.array(masks, dtype=wp.uint64, device="cpu")
+    blocks.kinds = wp.array(spread(np.where(masks == 0, -2, -1).astype(np.int16)), dtype=wp.int16, device="cpu")
+    n, most = len(lines), 3 * sum(shape)
+    outputs = [wp.zeros((n, most), dtype=t, device="cpu") for t in (wp.vec3i, wp.vec3, wp.float32, wp.vec2d)]
+    outputs.append(wp.zeros(n, dtype=int, device="cpu"))
+    last = wp.vec3i(*(m - 2 for m in reversed(shape)))
+    wp.launch(passed, n, [last, blocks, wp.array(lines, device="cpu"), *outputs], device="cpu")
+    return [output.numpy() for output in outputs]
+
+
 @pytest.mark.parametrize("shape", [(70, 63, 82), (2, 2, 2), (3, 2, 300)])
 def test_places_in_cells_are_as_exact_as_said(shape):
     """S16: also of rays along axes, faces and edges, from faces on; all that is seen, in order."""
@@ -95,17 +108,9 @@ def test_places_in_cells_are_as_exact_as_said(shape):
     masks = rng.integers(0, 2**64, tuple(-(-(m - 1) // 4) for m in shape), np.uint64, endpoint=False)
     masks[rng.random(masks.shape) < 0.99] = 0
     masks[-1, -1, -1] = 2**64 - 1
-    blocks = Blocks()
-    blocks.masks = wp.array(masks, dtype=wp.uint64, device="cpu")
-    blocks.kinds = wp.array(spread(np.where(masks == 0, -2, -1).astype(np.int16)), dtype=wp.int16, device="cpu")
-    most = 3 * sum(shape)
-    outputs = [wp.zeros((n, most), dtype=t, device="cpu") for t in (wp.vec3i, wp.vec3, wp.float32, wp.vec2d)]
-    counts = wp.zeros(n, dtype=int, device="cpu")
-    last = wp.vec3i(*(m - 2 for m in reversed(shape)))
-    wp.launch(passed, n, [last, blocks, wp.array(lines, device="cpu"), *outputs, counts], device="cpu")
-    cells, middles, h, times = (a.numpy() for a in outputs)
+    cells, middles, h, times, counts = walked(masks, shape, lines)
     checked = 0
-    for ray, count in enumerate(counts.numpy()):
+    for ray, count in enumerate(counts):
         at, t = cells[ray, :count], times[ray, :count]
         assert np.all((at >= 0) & (at <= np.maximum(size - 1, 0)))
         assert np.all(t[1:, 0] >= t[:-1, 1]) and np.all(t[:, 1] >= t[:, 0])
@@ -130,6 +135,16 @@ def test_places_in_cells_are_as_exact_as_said(shape):
         assert np.array_equal(visible[clear], inside[clear])
         checked += int(clear.sum())
     assert checked > 1e4
+
+
+def test_short_ends_of_long_rays_stay_in_the_grid():
+    shape = (9, 9, 9)
+    origins, directions, ends = short_ends(2000, shape)
+    masks = np.full((2, 2, 2), 2**64 - 1, np.uint64)
+    cells, _, h, _, counts = walked(masks, shape, np.column_stack([origins, directions, ends]))
+    found = np.arange(cells.shape[1]) < counts[:, None]
+    assert np.all(counts > 0) and np.all((cells[found] >= 0) & (cells[found] <= 7))
+    np.testing.assert_allclose(2 * h.sum(axis=1, where=found), ends[:, 1] - ends[:, 0], atol=1e-7)
 
 
 @wp.kernel(enable_backward=False, module="unique")

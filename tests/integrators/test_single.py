@@ -506,17 +506,22 @@ def test_ticks_are_the_walk_to_rounding(shape):
     assert checked > 1000
 
 
-@pytest.mark.parametrize("how", ["ticks", "abreast"])
-def test_short_ends_of_long_rays_stay_in_the_grid(how):
-    """Of a stretch whose time is rounded by more than many ticks, as the last cells of a brick far from the camera."""
+def short_ends(n, shape):
+    """Origins, directions, and the last bit of rays that come from afar, as times."""
     rng = np.random.default_rng(2)
-    n, shape = 2000, (9, 9, 9)
     directions = rng.normal(size=(n, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     origins = rng.uniform(1, 7, (n, 3)) - 10.0 ** rng.uniform(2, 4, (n, 1)) * directions
-    leave = np.where(directions > 0, 8.0, 0.0)
+    leave = np.where(directions > 0, np.subtract(shape, 1.0), 0.0)
     stops = ((leave - origins) / directions).min(axis=1)
-    ends = np.stack([stops - 10.0 ** rng.uniform(-6, 0.3, n), stops], axis=1)
+    return origins, directions, np.stack([stops - 10.0 ** rng.uniform(-6, 0.3, n), stops], axis=1)
+
+
+@pytest.mark.parametrize("how", ["ticks", "abreast"])
+def test_short_ends_of_long_rays_stay_in_the_grid(how):
+    """Of a stretch whose time is rounded by more than many ticks, as the last cells of a brick far from the camera."""
+    shape = (9, 9, 9)
+    origins, directions, ends = short_ends(2000, shape)
     masks = np.full((2, 2, 2), 2**64 - 1, np.uint64)
     places, starts, leaves, counts = walked(
         how, masks, np.full(masks.shape, -1, np.int16), shape, origins, directions, ends
