@@ -9,7 +9,7 @@ from functools import cache
 
 import warp as wp
 
-from .bricks.brick import clearing, has, on_grain, owned
+from .bricks.brick import Brick, clearing, has, on_grain, owned
 from .cuts.stretches import make_stretches
 from .precision import vec4_of
 from .ray import FAR, LEAVE, TILE, View, ending, entry, inside, inverted, line, pixel, place
@@ -232,17 +232,30 @@ def make_raycasts(halves):
         # Rays that are looked at, of a row of a tile: all up to the image's edge, or those of ``going``.
         last = int(rays)
         going = wp.zeros(shape=(rays,), dtype=int)
-        plain = scene.view.ends.shape[0] == 0
-        if wp.static(halves.brick):
-            plain = False
-        if plain:
+        if scene.view.ends.shape[0] == 0:
             x, y = pixel(scene.view, first)
             last = wp.where(y < scene.view.height, wp.min(last, scene.view.width - x), 0)
             if last > 0:
                 most, little, cap = limits(scene)
-                reaches(scene.view, x, y, clear, most, little, lines, offs)
+                brick = Brick()
+                if wp.static(halves.brick):
+                    brick = scene.brick
+                    most = wp.where(brick.edges, most, wp.float64(0.0))
+                reaches(scene.view, brick, x + column, y + row, wp.vec3d(clear, most, little), lines, offs)
             for r in range(last):
                 going[r] = 1
+                if wp.static(halves.brick):
+                    hit = lines[r, 7] > lines[r, 6]
+                    if hit:
+                        front = rgba[y, x + r]
+                        lines[r, 8] = clearing(scene.brick, x + r, y, front[3], clear)
+                        hit = enter(scene, x + r, y, rgba, bounds)
+                    if not hit:
+                        lines[r, 7] = lines[r, 6]
+                        going[r] = wp.where(offs[r] > wp.float64(0.0), 1, 0)
+            for r in range(last, rays):
+                # Beyond the image.
+                lines[r, 7] = lines[r, 6]
         else:
             for r in range(last):
                 x, y = pixel(scene.view, first + r)
@@ -269,7 +282,10 @@ def make_raycasts(halves):
                     off, most = around(scene, x + column, y + row, stop > start, loose)
                     offs[r] = off
                     cap = most
-        if last > 0:
+        some = bool(False)
+        for r in range(last):
+            some = some or lines[r, 7] > lines[r, 6]
+        if some:
             march(scene, lines, results)
         for r in range(last):
             if going[r] != 0:

@@ -2,13 +2,14 @@
 
 import warp as wp
 
+from .bricks.brick import Brick
 from .ray import TILE, View
 from .vectors import VECTORS
 
 REACHES = """
 #define LESS(a, b) ((a) < (b) ? (a) : (b))
 #define MORE(a, b) ((a) > (b) ? (a) : (b))
-const double FAR = 1e300, e = 2.0 * view.astray;
+const double FAR = 1e300, clear = limits[0], most = limits[1], little = limits[2], e = 2.0 * view.astray;
 const vd none = {};
 const auto& world = view.to_index.data;
 double* line = lines.data;
@@ -48,6 +49,8 @@ for (int b = 0; b < TILE / 8; ++b) {
     vd enter = first, leave = none + FAR;
     inside(low, high, anchor, enter, leave);
     for (int a = 0; a < 3; ++a) point[a] = MIN(MAX(anchor[a] + enter * along[a], none + low[a]), none + high[a]);
+    if (view.grain > 0.0)
+        for (int a = 0; a < 3; ++a) point[a] = view.grain * __builtin_elementwise_rint(point[a] / view.grain);
     vd start = none, stop = leave - enter;
     const vq meets = stop > 0.0;
     inside(seen_low, seen_high, point, start, stop);
@@ -62,7 +65,7 @@ for (int b = 0; b < TILE / 8; ++b) {
     }
     vd off = 6.0 * most * e * steepest;
     const vq plain = (stop > start) & (least > 0.0) & (off < little);
-    if (__builtin_reduce_and(plain) == 0) {
+    if (most > 0.0 && __builtin_reduce_and(plain) == 0) {
         bool thin = false;
         for (int a = 0; a < 3; ++a) {
             const bool from = seen_low[a] <= low[a], to = seen_high[a] >= high[a];
@@ -79,6 +82,17 @@ for (int b = 0; b < TILE / 8; ++b) {
         const vd around = most * (loose + 0x1p-48 * (end - begin));
         off = plain ? off : end > begin ? around : none;
     }
+    if (view.grain > 0.0)
+        // As ``brick.owned``, and in the brick's coordinates.
+        for (int a = 0; a < 3; ++a) {
+            const vq moves = inverse[a] != 0.0;
+            const vd t0 = (brick.low[a] - point[a]) * inverse[a], t1 = (brick.high[a] - point[a]) * inverse[a];
+            const vd near = LESS(t0, t1), far = MORE(t0, t1);
+            start = (moves & (near > start)) ? near : start;
+            stop = (moves & (far < stop)) ? far : stop;
+            stop = (~moves & ((point[a] < brick.low[a]) | (point[a] >= brick.high[a]))) ? none - FAR : stop;
+            point[a] -= brick.offset[a];
+        }
     const vd all[9] = {point[0], point[1], point[2], along[0], along[1], along[2], start, stop, none + clear};
     for (int l = 0; l < 8; ++l, line += 9)
         for (int m = 0; m < 9; ++m) line[m] = all[m][l];
@@ -90,14 +104,14 @@ for (int b = 0; b < TILE / 8; ++b) {
 @wp.func_native(VECTORS + REACHES.replace("TILE", str(int(TILE))))
 def reaches(
     view: View,
+    brick: Brick,
     x: int,
     y: int,
-    clear: wp.float64,
-    most: wp.float64,
-    little: wp.float64,
+    limits: wp.vec3d,
     lines: wp.array2d(dtype=wp.float64),
     offs: wp.array(dtype=wp.float64),
 ):
-    """Of the rays of pixels from (x, y) on, a row of a tile: ``raycast.reach`` as ``lines`` (n, 9), ``clear`` behind
-    them, and ``offs``, the bound of ``certified.make_edge``, ``most`` and ``little`` being as of that.
+    """Of the rays of pixels from (x, y) on, a row of a tile: ``raycast.reach`` as ``lines`` (n, 9), and ``offs``, the
+    bound of ``certified.make_edge``. ``limits`` are the transparency at which they end, and what ``most`` and
+    ``little`` are to that. Where there is a grain, it is what the ``brick`` has of them.
     """

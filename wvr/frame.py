@@ -200,12 +200,10 @@ class Frame:
         struct.field = scene.volume.struct(keep, scene.shift)
         ending = integrator.termination(scene) if scene.termination is None else scene.termination
         struct.opaque = 1.0 - ending
-        march = halves.march.Struct(halves)()
         for name, value in integrator.numbers(scene, keep).items():
-            setattr(march, name, value)
+            setattr(struct.march, name, value)
         for name, part in integrator.parts(scene).items():
-            setattr(march, name, keep(part))
-        struct.march = march
+            setattr(struct.march, name, keep(part))
         transfers = [struct_of(keep(integrator.function(scene, tf))) for tf in scene.functions]
         tables = [keep(table) for tf in scene.functions if (table := integrator.table(scene, tf)) is not None]
         struct.transfer = transfers[0]

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 from math import ceil, log2
 from typing import Any
 
@@ -20,12 +19,11 @@ from ..field.base import Field
 from ..field.blocks import Seen
 from ..frame import Frame, view
 from ..keep import Keeper
-from ..kernels.bricks.brick import Brick as BrickStruct
 from ..kernels.precision import REALS
 from ..kernels.scene import Halves
 from ..scene import Scene
 from ..volume import Volume
-from .grid import Bricks, Index, Rect, footprint
+from .grid import UPPER, Bricks, Index, Rect, common, footprint
 from .partial import Partial
 
 
@@ -118,6 +116,8 @@ class Caster:
         self.basis = camera.basis()
         self._like: Scene | None = None
         field = self.scene.volume
+        matrix = field.index_to_world
+        self.eye = np.linalg.inv(matrix[:3, :3]) @ (camera.position - matrix[:3, 3])
         self.view = view(field, camera, *size)
         # Rays that rounding puts on another side of a face than the camera are put into it: no order is ever wrong.
         self.grain = 2.0 ** ceil(log2(4 * self.view.astray))
@@ -140,15 +140,13 @@ class Caster:
         rect = self.seen_in(low, high)
         if rect is not None and self.ends is not None:
             matrix = self.scene.volume.index_to_world
-            corners = (
-                np.array(list(product(*zip(low - 1.0, high + 1.0, strict=True)))) @ matrix[:3, :3].T + matrix[:3, 3]
-            )
+            corners = np.where(UPPER, high + 1.0, low - 1.0) @ matrix[:3, :3].T + matrix[:3, 3]
             if ((corners - self.camera.position) @ self.basis[2]).min() > self.ends[rect].max():
                 return None
         return rect
 
-    def seen_in(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> Rect | None:
-        """The pixels that may see cells between two samples."""
+    def seen_in(self, low: NDArray[np.number], high: NDArray[np.number]) -> Rect | None:
+        """The pixels that may see cells between two places."""
         thin = np.array(self.scene.volume.shape[::-1]) == 1
         box = low - 0.5 * thin, high + 0.5 * thin
         return footprint(self.scene.volume, box, self.camera, self.basis, self.size)
@@ -199,9 +197,7 @@ class Caster:
         near = 1.0 + 2 * self.view.astray
         if np.any(low <= first) or np.any(high >= last):
             return True
-        to_index = np.linalg.inv(field.index_to_world[:3, :3])
-        eye = to_index @ (self.camera.position - field.index_to_world[:3, 3])
-        return not self.camera.parallel and bool(np.all((eye >= low - near) & (eye <= high + near)))
+        return not self.camera.parallel and bool(np.all((self.eye >= low - near) & (self.eye <= high + near)))
 
     def part_of(self, brick: Brick) -> Scene:
         """The scene of a brick."""
@@ -223,36 +219,39 @@ class Caster:
         front
             Transparency of what is in front of all of the ``image``, in its pixels.
         """
-        part, device = image.part(rect), self.keep.device
-        frame, halves, struct, seen = self.prepared(index, brick, rect)
+        device = self.keep.device
+        frame, halves, struct, seen = self.prepared(index, brick)
         if seen.skipped == 1.0 and frame.scene.integrator.anywhere:
             return
+        box = self._seen_box(frame.scene, seen)
+        looked = common(rect, self.seen_in(*box))
+        if looked is None:
+            return
+        part = image.part(looked)
+        aim(struct, looked)
         struct.opaque = 1.0 - self.ending
-        struct.brick.edges = self._edges(*self._seen_box(frame.scene, seen))
+        struct.brick.edges = self._edges(*box)
         struct.brick.longest = frame.scene.volume.longest
         for name, value in frame.scene.integrator.spent(frame.scene, self.keep).items():
             setattr(struct.brick, name, value)
         if front is not None:
-            struct.brick.front = wp.array(front[image.at(rect)], dtype=wp.float64, device=device)
+            struct.brick.front = wp.array(front[image.at(looked)], dtype=wp.float64, device=device)
         bound = np.zeros((1, 1)) if part.bound is None else part.bound
         with shared(device, (part.rgbt, wp.vec4d), (part.samples, int), (bound, wp.float64)) as outputs:
             frame.launch(halves, struct, *outputs)
 
-    def prepared(self, index: Index, brick: Brick, rect: Rect) -> tuple[Frame, Halves, Any, Seen]:
-        """A frame of a brick in some pixels, its kernel's halves and struct, and what there is to see."""
+    def prepared(self, index: Index, brick: Brick) -> tuple[Frame, Halves, Any, Seen]:
+        """A frame of a brick, its kernel's halves and struct for pixels that one can ``aim`` at, and what there is to
+        see.
+        """
         scene = self.part_of(brick)
-        width, height = rect[1].stop - rect[1].start, rect[0].stop - rect[0].start
-        frame = Frame(scene, self.camera, (width, height), self.keep)
+        frame = Frame(scene, self.camera, self.size, self.keep)
         halves = replace(frame.halves(REALS[self.precision], scene.integrator.half(scene)), brick=True)
         struct, seen = frame.struct(halves, rays=self.view)
-        struct.view.width, struct.view.height = width, height
         box = self._seen_box(scene, seen)
         struct.view.seen_low, struct.view.seen_high = (wp.vec3d(*corner) for corner in box)
-        own = BrickStruct()
-        own.low, own.high = (wp.vec3d(*corner) for corner in self.bricks.own(index))
-        own.offset = wp.vec3d(*brick.first.astype(np.float64))
-        own.row, own.column = rect[0].start, rect[1].start
-        struct.brick = own
+        struct.brick.low, struct.brick.high = (wp.vec3d(*corner) for corner in self.bricks.own(index))
+        struct.brick.offset = wp.vec3d(*brick.first.astype(np.float64))
         return frame, halves, struct, seen
 
     def _seen_box(self, scene: Scene, seen: Seen) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -261,6 +260,13 @@ class Caster:
             return self.scene.volume.index_box
         assert isinstance(scene.volume, Brick)
         return seen.low + scene.volume.first, seen.high + scene.volume.first
+
+
+def aim(struct: Any, rect: Rect) -> None:
+    """Have a kernel work in those pixels."""
+    rows, columns = rect
+    struct.view.width, struct.view.height = columns.stop - columns.start, rows.stop - rows.start
+    struct.brick.row, struct.brick.column = rows.start, columns.start
 
 
 @contextmanager

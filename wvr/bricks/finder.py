@@ -13,7 +13,7 @@ from ..kernels.integrators.found import Found
 from ..launch import launch_pixels
 from ..probe import Probed
 from ..scene import Scene
-from .brick import Brick, Caster
+from .brick import Brick, Caster, aim
 from .grid import Index, Rect
 
 
@@ -39,7 +39,7 @@ class Finder(Caster):
         self.found = wp.empty((height, width), dtype=Found, device=self.keep.device)
         self._launch(begin_probing, self.view, [self.view, self.found])
 
-    def seen_in(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> Rect | None:
+    def seen_in(self, low: NDArray[np.number], high: NDArray[np.number]) -> Rect | None:
         rect = super().seen_in(low, high)
         if rect is None or self.only is None:
             return rect
@@ -65,8 +65,9 @@ class Finder(Caster):
 
     def cast(self, index: Index, brick: Brick, image: Any, rect: Rect, front: Any = None) -> None:
         """Look into a brick, in the pixels of its ``footprint``."""
-        _, halves, struct, seen = self.prepared(index, brick, rect)
+        _, halves, struct, seen = self.prepared(index, brick)
         if seen.skipped < 1.0:
+            aim(struct, rect)
             self._launch(make_brick_probing(halves), struct.view, [struct, self.found[rect]])
 
     def told(self) -> Probed:
@@ -76,7 +77,8 @@ class Finder(Caster):
         # Nothing is asked of samples any more; all else is that of any brick.
         few = tuple(np.minimum(self.scene.volume.shape, 2))
         blank = Brick(np.zeros(few, self.scene.volume.dtype), np.zeros(3, np.int64), self.scene.volume)  # type: ignore[attr-defined]
-        _, halves, struct, _ = self.prepared((0, 0, 0), blank, every)
+        _, halves, struct, _ = self.prepared((0, 0, 0), blank)
+        aim(struct, every)
         device = self.keep.device
         rgba = wp.empty((height, width), dtype=wp.vec4d, device=device)
         samples = wp.empty((height, width), dtype=int, device=device)

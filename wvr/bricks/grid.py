@@ -16,6 +16,8 @@ Index = tuple[int, int, int]
 Rect = tuple[slice, slice]
 # Beyond any grid, as ``kernels.ray.FAR``.
 FAR = 1.0e300
+# Of which axes the corners of a box are at the upper end.
+UPPER = np.array(list(product((False, True), repeat=3)))
 
 
 @dataclass(frozen=True)
@@ -113,10 +115,7 @@ def footprint(
     """
     width, height = size
     low, high = box
-    corners = (
-        np.array(list(product(*zip(low, high, strict=True)))) @ field.index_to_world[:3, :3].T
-        + field.index_to_world[:3, 3]
-    )
+    corners = np.where(UPPER, high, low) @ field.index_to_world[:3, :3].T + field.index_to_world[:3, 3]
     right, up, forward = basis
     offset = corners - camera.position
     depth = offset @ forward
@@ -134,6 +133,14 @@ def footprint(
     columns = _span(x + (width - 1) / 2, width)
     rows = _span(y + (height - 1) / 2, height)
     return None if columns is None or rows is None else (rows, columns)
+
+
+def common(a: Rect | None, b: Rect | None) -> Rect | None:
+    """The pixels of both; None where there are none."""
+    if a is None or b is None:
+        return None
+    rows, columns = (slice(max(i.start, j.start), min(i.stop, j.stop)) for i, j in zip(a, b, strict=True))
+    return (rows, columns) if rows.stop > rows.start and columns.stop > columns.start else None
 
 
 def _span(at: NDArray[np.float64], count: int) -> slice | None:
