@@ -14,7 +14,9 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
+from math import inf
 from queue import Empty, SimpleQueue
+from time import perf_counter
 from typing import Any
 from weakref import WeakSet
 
@@ -282,6 +284,26 @@ _cancel: ContextVar[Any] = ContextVar("wvr_cancel", default=None)
 _locks: WeakSet[Lock] = WeakSet()
 _own = threading.local()
 _loading = Lock()
+
+
+def waited(future: Any, until: float | None = None) -> Any:
+    """The result of a future, of ``concurrent.futures`` or Dask; a cancelled frame does not wait for it.
+
+    Raises
+    ------
+    Cancelled
+        Where the event of :func:`cancelling` is set.
+    TimeoutError
+        As of the future, where it is not there after so many seconds.
+    """
+    end = inf if until is None else perf_counter() + until
+    if _cancel.get() is not None:
+        while not future.done() and perf_counter() < end:
+            _check_cancelled()
+            # That it is not there yet, or what is raised again below.
+            with suppress(Exception):
+                future.exception(min(POLL, end - perf_counter()))
+    return future.result(None if until is None else max(0.0, end - perf_counter()))
 
 
 def _check_cancelled() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import pickle
 import shutil
+import threading
 import warnings
 
 import numpy as np
@@ -273,6 +274,35 @@ def test_ranges_go_on_where_they_stopped_and_notice_changes(store, monkeypatch):
     seen.clear()
     volume = wvr.build_ranges(store)
     assert len(seen) == 1 and volume.ranges.values[0, 0, 0, 0, 0, 0].tolist() == [255, 255]
+
+
+class Slow:
+    """Samples that come once they are let."""
+
+    def __init__(self, samples):
+        self.samples, self.shape, self.dtype = samples, samples.shape, samples.dtype
+        self.asked, self.let, self.given_up = threading.Event(), threading.Event(), threading.Event()
+
+    def __getitem__(self, key):
+        self.asked.set()
+        if not self.let.wait(10):
+            self.given_up.set()
+        return self.samples[key]
+
+
+def test_a_cancelled_frame_does_not_wait_for_a_block():
+    slow, cancel = Slow(DATA), threading.Event()
+    canceller = threading.Thread(target=lambda: (slow.asked.wait(), cancel.set()))
+    canceller.start()
+    volume = wvr.open(slow, spacing=WHOLE.spacing)
+    try:
+        with pytest.raises(wvr.Cancelled):
+            wvr.render(volume, TF, CAMERAS["outside"], SIZE, cancel=cancel)
+        assert not slow.given_up.is_set()
+        slow.let.set()
+        assert_within(wvr.render(volume, TF, CAMERAS["outside"], SIZE), CAMERAS["outside"])
+    finally:
+        slow.let.set()
 
 
 def test_missing_values_and_floats(tmp_path):

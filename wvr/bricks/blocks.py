@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..launch import Cancelled, waited
 from .brick import Brick, Halo
 from .grid import Bricks, Index
 from .ranges import ALL, FIRST, LAST
@@ -93,15 +94,20 @@ class Blocks:
             Where a block cannot be read.
         TimeoutError
             Where it is not there after so many seconds.
+        Cancelled
+            Where nobody waits for it any more.
         """
         start = perf_counter()
         if index not in self._coming:
             self.come(index, needed)
         try:
-            return self._coming.pop(index).result(until)
+            return waited(self._coming.pop(index), until)
         except FutureTimeoutError:
             self._late = True
             raise TimeoutError(f"{self.volume.samples.name} is not read in time") from None
+        except (Cancelled, KeyboardInterrupt):
+            self._late = True
+            raise
         finally:
             self.waited += perf_counter() - start
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..keep import Keeper
-from ..launch import get_device, set_num_threads
+from ..launch import get_device, set_num_threads, waited
 from .brick import Caster
 from .grid import Bricks, Index, Rect
 from .partial import Partial
@@ -129,10 +129,14 @@ def render(march: Any, client: Any) -> tuple[Partial, dict[str, Any]]:
                 client.submit(composed, futures[i : i + ARITY], rounding, pure=False)
                 for i in range(0, len(futures), ARITY)
             ]
-        for future in futures:
-            partial, counted = future.result()
-            image.over(partial)
-            numbers.add(counted)
+        try:
+            for future in futures:
+                partial, counted = waited(future)
+                image.over(partial)
+                numbers.add(counted)
+        except BaseException:
+            client.cancel(futures)
+            raise
     stats = {"workers": workers, "tasks": tasks, "rounds": rounds, **numbers.stats(march)}
     return image, stats
 
