@@ -303,9 +303,14 @@ def test_a_page_finds_a_viewer_that_was_started_again(browser):
         first.close()
         page.page.get_by_role("alert").get_by_text("No connection").wait_for()
         page.page.evaluate("window.pictures = []")
-        with Viewer(source(), port, TOKEN):
+        with Viewer(source(), port, TOKEN) as viewer:
+            # As one that comes back from the browser's history would, beside the one that tries again.
+            page.page.evaluate("dispatchEvent(new PageTransitionEvent('pageshow', { persisted: true }))")
             again = page.pixels()
             assert np.array_equal(again, shown)
+            page.page.evaluate("dispatchEvent(new PageTransitionEvent('pageshow', { persisted: true }))")
+            page.changed(lambda: page.page.keyboard.press("ArrowUp"))
+            assert viewer.clients == 1
         page.problems = [problem for problem in page.problems if "WebSocket" not in problem]
 
 

@@ -24,7 +24,9 @@ function receive (event) {
 }
 
 function connect () {
-  socket = new WebSocket(address)
+  // A page that comes back from the browser's history asks at once, beside who tries again.
+  if (socket !== null && socket.readyState <= WebSocket.OPEN) return
+  const mine = socket = new WebSocket(address)
   socket.binaryType = 'arraybuffer'
   socket.onmessage = receive
   socket.onopen = () => {
@@ -32,6 +34,7 @@ function connect () {
     viewer.connected()
   }
   socket.onclose = (event) => {
+    if (mine !== socket) return
     viewer.disconnected(event.reason)
     window.setTimeout(connect, pause)
     pause = Math.min(2 * pause, LONGEST_PAUSE)
