@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from wvr import TransferFunction
 from wvr.color import linear_rgb, linear_to_srgb, srgb_to_linear
 
 
@@ -59,6 +60,18 @@ def test_numbers_are_linear(color):
     result = linear_rgb(color)
     assert result.dtype == np.float64
     np.testing.assert_array_equal(result, [0.5, 0.25, 4.0])
+
+
+def test_eight_bits_are_doubted():
+    with pytest.warns(UserWarning, match="background is in linear numbers, of which 1 is white, and has 255"):
+        linear_rgb((255, 0, 0), "background")
+    with pytest.warns(UserWarning, match="rgb is in linear numbers"):
+        TransferFunction.from_arrays([0, 1], np.array([[0, 0, 0], [0, 128, 0]]), [0, 1])
+
+
+def test_colours_of_pyvista():
+    Color = pytest.importorskip("pyvista").Color
+    np.testing.assert_array_equal(linear_rgb(Color("tomato")), linear_rgb("tomato"))
 
 
 def test_result_is_a_copy():

@@ -118,7 +118,8 @@ def test_with_light_shadows_labels_and_clips():
     lit = wvr.render(volume, tf, camera, (16, 16), depth=ends, lighting=light, shadows=shadows, **options)
     assert np.abs(lit.rgba[..., 3] - plain.rgba[..., 3]).max() < 1e-6 and plain.rgba.any()
     assert np.all(lit.rgba[..., :3] <= 1.3 * plain.rgba[..., :3] + 1e-6)
-    front = wvr.render(volume, tf, camera, (16, 16), depth=ends - 100, lighting=light, shadows=shadows)
+    with pytest.warns(UserWarning, match=r"depth is behind the camera .* -plotter\.get_image_depth"):
+        front = wvr.render(volume, tf, camera, (16, 16), depth=ends - 100, lighting=light, shadows=shadows)
     assert not front.rgba.any() and np.all(front.error_bound < 1e-3)
 
 
@@ -131,6 +132,10 @@ def test_projections_end_too():
         )
         off = np.abs(image.values[::-1] - expected)[1:-1, 1:-1]
         assert off.max() < 1e-11 and np.all(off <= image.error_bound[::-1][1:-1, 1:-1])
+    with pytest.raises(
+        ValueError, match=r"depth needs an image of what is somewhere on a ray, got Projection\(what='sum'"
+    ):
+        image.depth()
 
 
 def test_naive_clips_are_cut_exactly():

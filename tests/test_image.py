@@ -1,10 +1,12 @@
 import os
+import pickle
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import wvr
 from wvr.color import srgb_to_linear
 from wvr.image import Image
 
@@ -271,6 +273,19 @@ def test_notebook_shows_the_png():
     image = make_image(background="white")
     with PillowImage.open(BytesIO(image._repr_png_())) as png:
         np.testing.assert_array_equal(np.asarray(png), image.to_uint8())
+
+
+def test_pickled():
+    """A copy has what was rendered, and knows nothing of the volume."""
+    camera = wvr.Camera.fit(volume := wvr.datasets.load("blobs", 16))
+    image = wvr.render(volume, "viridis", camera, (8, 6), lighting=False)
+    copy = pickle.loads(pickle.dumps(image))
+    assert type(copy) is type(image) and copy.stats == image.stats
+    for name in ("rgba", "error_bound", "samples"):
+        np.testing.assert_array_equal(getattr(copy, name), getattr(image, name))
+    copy.plot(axes=True)
+    with pytest.raises(ValueError, match=r"pick needs an image that wvr.render made, in the process that made it"):
+        copy.pick(1, 1)
 
 
 def test_as_array():

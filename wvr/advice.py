@@ -29,7 +29,7 @@ def advise(scene: Scene, image: Image) -> None:
         begin, end = min((a for a, _ in shown), default=0.0), max((b for _, b in shown), default=0.0)
         opaque = f"the transfer function has opacity from {begin:g} to {end:g}" if shown else "it has no opacity at all"
         if not shown or end <= low or begin >= high:
-            advice = "give it control points with opacity among them, or a preset that domain"
+            advice = "give it control points with opacity among them, or a preset clim=(low, high)"
         elif not image.samples.any():
             advice = "no ray meets any of it: see that the camera looks at the volume (Camera.fit) and clips leave it"
         elif _deepest(scene) > OPAQUE:

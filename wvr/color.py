@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .validation import float_array, near
+from .validation import float_array, near, outside
 
 PLAIN = {"black": "#000000", "white": "#ffffff"}
 ACCEPTED = "a colour name, '#rrggbb', or three finite linear numbers >= 0"
@@ -32,6 +33,16 @@ def is_clear(background: Any) -> bool:
     return background is None or (isinstance(background, str) and background == "transparent")
 
 
+def doubt_bytes(colors: Any, name: str) -> None:
+    """Warn of whole numbers that are far above 1, which is white."""
+    given = np.asarray(colors) if isinstance(colors, np.ndarray | list | tuple) else np.empty(0)
+    if given.dtype.kind in "iu" and given.max(initial=0) > 15:
+        warnings.warn(
+            f"{name} is in linear numbers, of which 1 is white, and has {given.max()}: say '#rrggbb' for 8-bit colours",
+            stacklevel=outside(),
+        )
+
+
 def linear_rgb(color: str | Sequence[float], name: str = "color") -> NDArray[np.float64]:
     """Linear RGB of a colour as users write it.
 
@@ -39,7 +50,8 @@ def linear_rgb(color: str | Sequence[float], name: str = "color") -> NDArray[np.
     ----------
     color
         A string that Matplotlib knows as an opaque colour, such as ``"orange"``, ``"tab:blue"`` or ``"#ff8000"``,
-        which is decoded from sRGB; or three linear numbers >= 0, taken as they are (above 1 is brighter than white).
+        which is decoded from sRGB; a colour of PyVista; or three linear numbers >= 0, taken as they are (above 1 is
+        brighter than white).
     name
         The argument that errors name.
 
@@ -52,6 +64,7 @@ def linear_rgb(color: str | Sequence[float], name: str = "color") -> NDArray[np.
     ValueError
         For an unknown name, a colour with transparency, or numbers that are not three, finite and >= 0.
     """
+    color = getattr(color, "hex_rgb", color)  # of PyVista
     if isinstance(color, str):
         if re.fullmatch("#[0-9a-fA-F]{6}", color := PLAIN.get(color, color)):
             # Without Matplotlib, which takes a while to import.
@@ -67,6 +80,7 @@ def linear_rgb(color: str | Sequence[float], name: str = "color") -> NDArray[np.
         if alpha != 1:
             raise ValueError(f"{name} must be opaque, got {color!r}")
         return srgb_to_linear(encoded)
+    doubt_bytes(color, name)
     try:
         linear = float_array(color, name)
     except TypeError:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     # A string is a sequence, too: with Sequence a name with a slip would do.
     CameraLike: TypeAlias = Camera | ViewName | list[Any] | tuple[Any, ...] | NDArray[Any] | pv.Camera | pv.Plotter
     LightingLike: TypeAlias = Lighting | bool | Mode
+    SegmentationLike: TypeAlias = Segmentation | Volume | NDArray[Any]
 SUGGESTED = ("bands", "warm", "surfaces", "labels", "tissues", "deviation")
 # What is behind a volume where nothing at all was said of colours.
 BACKGROUND = "black"
@@ -49,6 +50,7 @@ class Look(NamedTuple):
     lighting: Lighting | None
     shadows: ConvolutionShadows | None
     background: Any
+    segmentation: Segmentation | None
 
 
 class Call(NamedTuple):
@@ -61,7 +63,7 @@ class Call(NamedTuple):
     lighting: LightingLike | None = None
     shadows: ConvolutionShadows | bool | None = None
     background: Any = None
-    segmentation: Segmentation | None = None
+    segmentation: SegmentationLike | None = None
     clip: Clip | Sequence[Clip] | None = None
     integrator: Integrator | None = None
 
@@ -73,30 +75,30 @@ class Call(NamedTuple):
         TypeError, ValueError
             For what is no shorthand, naming the argument.
         """
-        if not isinstance(self.segmentation, Segmentation | None):
-            kind = type(self.segmentation).__name__
-            raise TypeError(f"segmentation must be a Segmentation or None, got {kind}")
         volume.look()
         chosen: Suggestion | None = None
         function: TransferFunction | None = None
         # What is in a store is looked at in fewer samples, if there are such.
         seen: Any = getattr(volume, "preview", None) or volume
         method = self.integrator
-        if self.transfer_function is not None or self.segmentation is None:
+        segmentation: Any = self.segmentation
+        own = isinstance(segmentation, Segmentation)
+        if self.transfer_function is not None or not own:
             function, chosen = function_of(self.transfer_function, seen, self.opacity, self.clim, method)
             if chosen is not None and seen is not volume and function.unit_distance is None:
                 function = function.per(seen.smallest_spacing)
             function = function.for_volume(volume)
         shown: Any = None if function is None else framed_by(method, function)
-        if self.segmentation is not None:
-            shown = self.segmentation.for_volume(volume)
+        if segmentation is not None:
+            segmentation = segmentation if own else segmentation_of(segmentation, function)
+            shown = segmentation.for_volume(volume)
         camera = camera_of(self.camera, seen, shown, size[0] / size[1], clip_list(self.clip))
         surfaces = has_surfaces(method, chosen) and (not volume.stored or has_surfaces(method, None))
         lighting = lighting_of(self.lighting, surfaces, camera)
         plain = self.transfer_function is None and domain_of(method, seen) is not None
         suggested = chosen is not None or plain
         background = BACKGROUND if self.background is None and suggested else self.background
-        return Look(function, camera, lighting, shadows_of(self.shadows, lighting, camera), background)
+        return Look(function, camera, lighting, shadows_of(self.shadows, lighting, camera), background, segmentation)
 
 
 def domain_of(integrator: Integrator | None, volume: Field) -> tuple[float, float] | None:
@@ -323,6 +325,17 @@ def shadows_of(given: Any, lighting: Lighting | None, camera: Camera) -> Convolu
     if given is None or given is False or isinstance(given, ConvolutionShadows):
         return given or None
     raise TypeError(f"shadows must be a ConvolutionShadows, True, False or None, got {given!r}")
+
+
+def segmentation_of(given: Any, function: TransferFunction | None) -> Segmentation:
+    """Labels that are given without transfer functions: each has a colour of its own, 0 is nothing."""
+    if not isinstance(given, Volume) and not hasattr(given, "__array__"):
+        raise TypeError(
+            f"segmentation must be a Segmentation, an array of labels or None, got {type(given).__name__}: "
+            f"wvr.Segmentation(labels, {{1: transfer_function}})"
+        )
+    assert function is not None
+    return Segmentation.colored(given, function)
 
 
 def studio(camera: Camera) -> Lighting:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -32,7 +33,7 @@ from .probe import Prober, make_prober, probe, tightest
 from .resident import Resident, buffer, fetched, settled, stays
 from .scene import Scene
 from .transfer.function import struct_of
-from .validation import float_array
+from .validation import float_array, outside
 
 # How far a ray may be from where it should be, in parts of the numbers that it is made of (docs/proof.md, lemma 3).
 ASTRAY = 2.0**-49
@@ -297,6 +298,13 @@ def ends_of(depth: Any, size: tuple[int, int]) -> NDArray[np.float64] | None:
     if ends.shape != (height, width):
         raise ValueError(
             f"depth must have the shape (height, width) = {(height, width)} of the image, got {ends.shape}"
+        )
+    finite = ends[np.isfinite(ends)]
+    if finite.size and finite.max() < 0:
+        warnings.warn(
+            f"depth is behind the camera in all pixels, from {finite.min():g} to {finite.max():g}: of a plotter of "
+            f"PyVista it is -plotter.get_image_depth()",
+            stacklevel=outside(),
         )
     return np.where(np.isnan(ends), np.inf, np.maximum(ends, -1e100))
 

@@ -118,6 +118,10 @@ class Image:
         self._tracer = tracer
         self._prober = prober
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What was rendered, without the volume: a copy has no ``trace``, ``depth`` and ``pick``."""
+        return vars(self) | {"rgba": self.rgba, "_resident": None, "_tracer": None, "_prober": None}
+
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) in pixels."""
@@ -248,7 +252,7 @@ class Image:
 
     def _probing(self, what: str) -> Prober:
         if self._prober is None:
-            raise ValueError(f"{what} needs an image that wvr.render made")
+            raise ValueError(f"{what} needs an image that wvr.render made, in the process that made it")
         return self._prober
 
     def _pixel(self, x: int, y: int) -> tuple[int, int]:

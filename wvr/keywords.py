@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from .bricks.reading import Missing
     from .colormaps import Opacity
     from .cuts.base import Clip
-    from .cuts.labels import Segmentation
-    from .defaults import LightingLike
+    from .defaults import LightingLike, SegmentationLike
     from .integrators import Integrator
     from .light.shadows import ConvolutionShadows
     from .scene import Precision
@@ -33,7 +32,7 @@ class Look(TypedDict, total=False):
     termination: float | None
     skip_empty: bool
     clip: Clip | Sequence[Clip] | None
-    segmentation: Segmentation | None
+    segmentation: SegmentationLike | None
     memory_limit: int | str | None
     budget: float | str | None
     missing: Missing
@@ -86,6 +85,7 @@ ELSEWHERE = {
     "preference": "point and cell arrays are told apart by their length; data.cell_data_to_point_data() moves them",
     "mapper": "there is one for all; device= says where it runs",
     "categories": "labels are recognised; wvr.Segmentation gives each a transfer function",
+    "labels": "say segmentation=labels, or wvr.Segmentation(labels, {1: transfer_function})",
     "annotations": PLOT.format(""),
     "show_scalar_bar": PLOT.format("scalar_bar=True"),
     "scalar_bar_args": PLOT.format("scalar_bar=True"),

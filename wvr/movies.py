@@ -114,10 +114,10 @@ def orbit(
     call, rest = _split("orbit", transfer_function, options)
     look = call._replace(camera="iso").look(volume, size)
     tf = look.transfer_function
-    shown = tf if call.segmentation is None else call.segmentation
+    shown = tf if look.segmentation is None else look.segmentation
     points = visible_points(volume, shown, clip_list(rest.get("clip")))
     cameras = _around(points, volume, frames, elevation, turn, size[0] / size[1])
-    renderer = Renderer(volume, tf, background=look.background, segmentation=call.segmentation, **rest)
+    renderer = Renderer(volume, tf, background=look.background, segmentation=look.segmentation, **rest)
 
     def images() -> Iterator[Image]:
         for camera in cameras:
@@ -216,7 +216,7 @@ def time_series(
         lighting=look.lighting,
         shadows=look.shadows,
         background=look.background,
-        segmentation=call.segmentation,
+        segmentation=look.segmentation,
         **rest,
     )
 

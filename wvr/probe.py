@@ -68,6 +68,8 @@ def make_prober(frame: Any, again: Callable[[Scene, Keeper, tuple[int, int] | No
     clips = tuple(clip.exact() for clip in scene.clips)
 
     def prober(opacity: float, pixel: tuple[int, int] | None) -> tuple[Floats, Floats]:
+        if pixel is None and scene.integrator.valued and not scene.integrator.seeks:
+            raise ValueError(f"depth needs an image of what is somewhere on a ray, got {scene.integrator!r}")
         for volume in volumes:
             volume.look()
         if [volume.version for volume in volumes] != versions:

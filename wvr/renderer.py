@@ -33,7 +33,7 @@ from .validation import near
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-    from .defaults import CameraLike, Function, LightingLike
+    from .defaults import CameraLike, Function, LightingLike, SegmentationLike
     from .keywords import Options
 
 # Less than an 8-bit grey level.
@@ -252,7 +252,7 @@ def render(
     termination: float | None = None,
     skip_empty: bool = True,
     clip: Clip | Sequence[Clip] | None = None,
-    segmentation: Segmentation | None = None,
+    segmentation: SegmentationLike | None = None,
     depth: Any = None,
     memory_limit: int | str | None = None,
     budget: float | str | None = None,
@@ -320,7 +320,8 @@ def render(
         what all leave is left. Rays are cut exactly, with every integrator; bounds on errors hold.
     segmentation
         Labels of the samples and a transfer function for each, with boundaries cut as exactly; see
-        :class:`Segmentation`.
+        :class:`Segmentation`. An array of labels: each has a colour of its own, with the opacity of the transfer
+        function, and 0 is nothing (:meth:`Segmentation.colored`).
     depth
         (height, width): where rays end, from the camera's plane along the view [world length]; NaN and infinite are no
         end. What is behind something opaque is not seen then, exactly, and bounds hold: of a PyVista plotter that has
@@ -390,7 +391,7 @@ def render(
         background=look.background,
         skip_empty=skip_empty,
         clip=clip,
-        segmentation=segmentation,
+        segmentation=look.segmentation,
         memory_limit=memory_limit,
         budget=budget,
         missing=missing,

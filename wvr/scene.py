@@ -261,6 +261,8 @@ def _function_for(value: Any) -> str:
     """What makes a transfer function of something that wvr.render takes for one."""
     if value is None:
         return "wvr.presets.suggest(volume) has some, or give a segmentation"
+    if isinstance(value, list | tuple) and value and not isinstance(value[0], str | int | float):
+        return "wvr.TransferFunction(points) makes one of control points; wvr.render takes such as they are"
     name = repr(value) if isinstance(value, str) else "colors"
     return f"wvr.TransferFunction.from_colormap({name}, volume.range) makes one; wvr.render takes such as they are"
 

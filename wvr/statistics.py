@@ -76,7 +76,7 @@ class Statistics:
             return cls(volume, samples, strides, (lo, hi), padding)
         raise ValueError(
             f"volume must have at least two different finite samples to suggest a transfer function, all are {lo:g}; "
-            f"give a transfer function, or a preset with a domain"
+            f"give a transfer function, or a colour map with clim=(low, high) and an opacity"
         )
 
     @cached_property

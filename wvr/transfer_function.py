@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .color import linear_rgb
+from .color import doubt_bytes, linear_rgb
 from .colormaps import Colors, Opacity, check_opacity, entries, opacities, sampled
 from .files import known_suffix, read_text, write_text
 from .preset_points import PresetName, preset_points
@@ -261,6 +261,7 @@ class TransferFunction:
             )
         if float(knots[-1]) - float(knots[0]) == np.inf:
             raise ValueError(f"scalars must span a finite range, got {knots[0]:g} to {knots[-1]:g}")
+        doubt_bytes(rgb, "rgb")
         self.colors = finite_array(rgb, "rgb", (n, 3))
         if np.any(self.colors < 0):
             raise ValueError(f"rgb must be >= 0, got {self.colors.min():g}")

@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 import wvr
 from studies.base.reference import trilinear
+from wvr.color import linear_rgb
+from wvr.suggest import LABEL_COLORS
 
 from ..helpers import DATA, SMOOTH, SPARSE, along, centered, constant, every_kind, max_error, middle
 
@@ -272,9 +274,15 @@ LABELS = np.zeros((32, 32, 32), np.uint8)
 @pytest.mark.parametrize(
     ("labels", "functions", "other", "error", "message"),
     [
-        (LABELS.astype(int), {1: RED}, None, TypeError, "labels must be uint8 or uint16, got int64; cast them"),
-        (LABELS.astype(float), {1: RED}, None, TypeError, "labels must be uint8 or uint16, got float64"),
-        (LABELS.astype(bool), {1: RED}, None, TypeError, "labels must be uint8 or uint16, got bool"),
+        (
+            LABELS.astype(float),
+            {1: RED},
+            None,
+            TypeError,
+            "labels must be whole numbers of an integer dtype, got float64",
+        ),
+        (LABELS - np.int64(1), {1: RED}, None, ValueError, "labels must be from 0 to 65535, got -1 to -1"),
+        (LABELS + np.int64(65536), {1: RED}, None, ValueError, "labels must be from 0 to 65535, got 65536 to 65536"),
         (LABELS[0], {1: RED}, None, ValueError, "three axes"),
         (LABELS, [RED], None, TypeError, "transfer_functions must be a dict from labels to transfer functions"),
         (LABELS, {1: "red"}, None, TypeError, r"transfer_functions\[1\] must be a TransferFunction, got 'red'"),
@@ -297,12 +305,39 @@ def test_errors_of_rendering(blobs):
         ValueError, match=r"segmentation must have labels of the volume's shape \(32, 32, 32\), got \(16"
     ):
         wvr.render(blobs, None, camera, (4, 4), segmentation=wvr.Segmentation(LABELS[::2], {1: RED}))
+    with pytest.raises(TypeError, match="segmentation must be a Segmentation, an array of labels or None, got str"):
+        wvr.render(blobs, RED, camera, (4, 4), segmentation="labels")
     with pytest.raises(TypeError, match="segmentation must be a Segmentation or None, got ndarray"):
-        wvr.render(blobs, RED, camera, (4, 4), segmentation=LABELS)
+        wvr.Renderer(blobs, RED, segmentation=LABELS).render(camera, (4, 4))
     with pytest.raises(
         TypeError, match=r"transfer_function must be a TransferFunction, got None: .* or give a segmentation"
     ):
         wvr.Renderer(blobs, None).render(camera, (4, 4))
+
+
+def test_labels_alone_have_colours_of_their_own(blobs):
+    """With the opacity of the transfer function; 0 is nothing."""
+    labels = layers(blobs.shape, np.array([1.0, 0, 0]), 15.5)
+    camera = wvr.Camera.fit(blobs)
+    image = wvr.render(blobs, SMOOTH, camera, (16, 16), segmentation=labels - 1)
+    own = wvr.TransferFunction.from_arrays(
+        SMOOTH.knots, [linear_rgb(LABEL_COLORS[0])] * len(SMOOTH.knots), SMOOTH.opacities, SMOOTH.unit_distance
+    )
+    expected = wvr.render(blobs, None, camera, (16, 16), segmentation=wvr.Segmentation(labels, {2: own}))
+    assert np.array_equal(image.rgba, expected.rgba) and image.rgba.any()
+    with pytest.raises(ValueError, match="labels must have one besides 0"):
+        wvr.render(blobs, SMOOTH, camera, (16, 16), segmentation=LABELS)
+
+
+def test_what_is_written_into_labels_of_any_dtype_is_seen(blobs):
+    labels = layers(blobs.shape, np.array([1.0, 0, 0]), 15.5).astype(np.int64)
+    camera = wvr.Camera.fit(blobs)
+    renderer = wvr.Renderer(blobs, None, segmentation=wvr.Segmentation(labels, {2: SMOOTH}))
+    before = renderer.render(camera, (16, 16))
+    labels[:] = 3 - labels
+    after = renderer.render(camera, (16, 16))
+    fresh = wvr.render(blobs, None, camera, (16, 16), segmentation=wvr.Segmentation(labels, {2: SMOOTH}))
+    assert np.array_equal(after.rgba, fresh.rgba) and not np.array_equal(before.rgba, after.rgba)
 
 
 def test_any_array_of_labels(blobs):

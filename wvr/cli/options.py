@@ -261,21 +261,10 @@ def labels_of(path: Path, tf: TransferFunction) -> tuple[Segmentation, tuple[Pat
 
     0 is nothing.
     """
-    from ..color import linear_rgb
     from ..cuts.labels import Segmentation
     from ..io import read
-    from ..suggest import label_colors
-    from ..transfer_function import TransferFunction
 
     labels = read(path)
     if labels.dtype.kind not in "iu" or labels.range[0] < 0:
         raise ValueError(f"--labels must be a file of whole numbers from 0, {path} has {labels.dtype}")
-    values = [int(value) for value in np.unique(labels.host()) if value > 0]
-    functions = {
-        value: TransferFunction.from_arrays(
-            tf.knots, np.tile(linear_rgb(color), (len(tf.knots), 1)), tf.opacities, tf.unit_distance
-        )
-        for value, color in zip(values, label_colors(len(values)), strict=True)
-    }
-    dtype = "uint8" if labels.range[1] < 256 else "uint16"
-    return Segmentation(labels.host().astype(dtype), functions), labels.files
+    return Segmentation.colored(labels, tf), labels.files

@@ -11,6 +11,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ..color import linear_rgb
+from ..copied import Copied
 from ..field.base import Field
 from ..field.blocks import Ranges, Seen, seen_of, spread
 from ..field.samples import Data, samples_struct
@@ -20,6 +22,7 @@ from ..kernels.field.blocks import Blocks
 from ..kernels.transfer.function import make_transfer
 from ..kernels.transfer.lookup import make_table
 from ..launch import launch
+from ..suggest import label_colors
 from ..transfer.function import struct_of
 from ..transfer_function import TransferFunction
 from ..validation import any_array
@@ -48,8 +51,8 @@ class Segmentation:
     Parameters
     ----------
     labels
-        (nz, ny, nx), uint8 or uint16, the shape of the volume it is used with: an array, or a Volume, whose samples
-        count and whose place in the world does not.
+        (nz, ny, nx), whole numbers from 0 to 65535 of any integer dtype, or bool, the shape of the volume it is used
+        with: an array, or a Volume, whose samples count and whose place in the world does not.
     transfer_functions
         By label. Labels that no sample has are allowed.
     other
@@ -60,8 +63,8 @@ class Segmentation:
     TypeError
         For labels of another dtype, or what is not a transfer function.
     ValueError
-        For labels that are not three-dimensional or empty, a label that the dtype cannot hold, a label that is named
-        without a transfer function, or none and no ``other``.
+        For labels that are not three-dimensional, empty or out of range, a label that the dtype cannot hold, a label
+        that is named without a transfer function, or none and no ``other``.
     """
 
     def __init__(
@@ -70,10 +73,7 @@ class Segmentation:
         transfer_functions: Mapping[int, TransferFunction],
         other: TransferFunction | None = None,
     ):
-        array = labels.numpy() if hasattr(labels, "numpy") else any_array(labels, "labels")
-        if array.dtype.newbyteorder("=").name not in DTYPES:
-            raise TypeError(f"labels must be uint8 or uint16, got {array.dtype}; cast them with .astype('uint16')")
-        self.labels = Volume(array)
+        self.labels = _labels(labels)
         if not isinstance(transfer_functions, Mapping):
             raise TypeError(
                 f"transfer_functions must be a dict from labels to transfer functions, got {transfer_functions!r}"
@@ -98,6 +98,22 @@ class Segmentation:
             raise ValueError("transfer_functions must name a label, or other be given: nothing would be visible")
         self.transfer_functions = {int(label): tf for label, tf in transfer_functions.items()}
         self.other = other
+
+    @classmethod
+    def colored(cls, labels: Any, transfer_function: TransferFunction) -> Segmentation:
+        """Each label in a colour of its own, with the opacity of a transfer function; 0 is nothing."""
+        volume = _labels(labels)
+        values = [int(value) for value in np.unique(volume.host()) if value > 0]
+        if not values:
+            raise ValueError("labels must have one besides 0, which is nothing")
+        knots, opacities = transfer_function.knots, transfer_function.opacities
+        functions = {
+            value: TransferFunction.from_arrays(
+                knots, np.tile(linear_rgb(color), (len(knots), 1)), opacities, transfer_function.unit_distance
+            )
+            for value, color in zip(values, label_colors(len(values)), strict=True)
+        }
+        return cls(volume, functions)
 
     @cached_property
     def states(self) -> Stated:
@@ -135,6 +151,28 @@ class Segmentation:
     def __repr__(self) -> str:
         nz, ny, nx = self.labels.shape
         return f"Segmentation({nx} x {ny} x {nz} {self.labels.dtype}, {len(self.transfer_functions)} labels)"
+
+
+def _labels(given: Any) -> Volume:
+    """A volume of unsigned labels; what is written into an array of another dtype is seen later on."""
+    if isinstance(given, Volume) and given.dtype.name in DTYPES:
+        return given
+    array = given.numpy() if hasattr(given, "numpy") else any_array(given, "labels")
+    labels = Volume(_unsigned(array))
+    shared = array.dtype.newbyteorder("=").name in DTYPES
+    return labels if shared else labels.copied(Copied.of(array, lambda owner: owner, _unsigned))
+
+
+def _unsigned(labels: NDArray) -> NDArray:
+    """In the smaller dtype that holds them, as they are where they have one of the two."""
+    if labels.dtype.newbyteorder("=").name in DTYPES:
+        return labels
+    if labels.dtype.kind not in "biu":
+        raise TypeError(f"labels must be whole numbers of an integer dtype, got {labels.dtype}")
+    low, high = (int(labels.min()), int(labels.max())) if labels.size else (0, 0)
+    if low < 0 or high > 65535:
+        raise ValueError(f"labels must be from 0 to 65535, got {low} to {high}")
+    return labels.astype("uint8" if high < 256 else "uint16")
 
 
 @dataclass(frozen=True)

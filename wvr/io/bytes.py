@@ -208,7 +208,7 @@ def samples(
 def too_many(extra: int, array: NDArray, more: str = "") -> Surplus:
     return Surplus(
         f"{extra:,} {more}bytes after {array.nbytes:,} bytes of samples ({_counted(array.shape)} of "
-        f"{array.dtype.name}); correct its header, or read it with wvr.read_raw"
+        f"{array.dtype.name}); correct its header, or read it with wvr.read_raw, unless it is damaged"
     )
 
 

@@ -92,7 +92,7 @@ class Painter:
         self.source = source
         self.pace = Pace() if pace is None else pace
         volume, tf = source.first_volume, source.first.transfer_function
-        segmentation, background = source.call.segmentation, source.background
+        segmentation, background = source.segmentation, source.background
         self._fine = Renderer(volume, tf, segmentation=segmentation, background=background, **source.options)
         self._coarse = Renderer(volume, tf, segmentation=segmentation, background=background, **source.options)
         self._last: tuple[Presentation, Image] | None = None

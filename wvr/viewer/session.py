@@ -201,7 +201,7 @@ class Session:
 
     def _on_view(self, message: Message) -> None:
         presentation = self._presentation
-        volume, labels = self.source.volume(presentation.frame), self.source.call.segmentation
+        volume, labels = self.source.volume(presentation.frame), self.source.segmentation
         camera = cameras.viewed(message["name"], volume, presentation, labels)
         self._change(camera=camera)
         self._tell()

@@ -133,16 +133,17 @@ class Source:
         self._other: tuple[int, Any] = 0, None
         self.first_volume: Any = as_volume(self.given_volumes[0])
         # Says what it does not accept before anybody looks.
-        Renderer(self.first_volume, None, segmentation=self.call.segmentation, **self.options)
+        Renderer(self.first_volume, None, **self.options)
         get_device(self.options.get("device"))
         look = self.call.look(self.first_volume, (512, 512))
+        self.segmentation = look.segmentation
         self.background = BACKGROUND if look.background is None else look.background
         given = self.call.lighting
         lighting = given if given is not None else look.lighting is not None
         shadows = self.call.shadows
         self.clips = clip_list(self.call.clip)
         # With labels, a transfer function is not used.
-        function = look.transfer_function if self.call.segmentation is None else None
+        function = look.transfer_function if self.segmentation is None else None
         self.first = Presentation(look.camera, function, lighting=lighting, shadows=shadows, clips=self.clips)
 
     def given(self, frame: int) -> Any:
