@@ -229,6 +229,33 @@ def test_a_chunk_that_is_damaged_is_named_or_in_the_bound(store, known):
     assert image.error_bound.max() > TOLERANCE
 
 
+def test_floats_that_cannot_be_read_have_a_bound_by_their_ranges_alone():
+    """What they may be nobody knows else, and the error says so."""
+    data = (DATA[:24, :24, :24] / 255).astype("f4")
+
+    class Broken:
+        shape, dtype = data.shape, data.dtype
+
+        def __getitem__(self, key):
+            if all(part.stop > 16 for part in key):
+                raise OSError("gone")
+            return data[key]
+
+    tf = wvr.TransferFunction([(0, "navy", 0.0), (0.4, "green", 0.0), (1, "white", 0.6)])
+    whole = wvr.build_ranges(wvr.open(data))
+    broken = whole.at(array=Broken())
+    options = {"tolerance": TOLERANCE, "missing": "bound"}
+    with pytest.raises(
+        OSError, match=r"x 16 to 23, y 16 to 23, z 16 to 23 .* by ranges \(wvr.build_ranges\) of a time"
+    ):
+        wvr.render(broken, tf, CAMERAS["outside"], SIZE, **options)
+    broken.ranges = whole.ranges
+    image = wvr.render(broken, tf, CAMERAS["outside"], SIZE, **options)
+    exact = wvr.render(wvr.Volume(data), tf, CAMERAS["outside"], SIZE, integrator=wvr.Exact())
+    assert image.stats["bricks_missing"] > 0
+    assert np.all(np.abs(image.rgba - exact.rgba).max(axis=2) <= image.error_bound)
+
+
 def test_ranges_are_those_of_the_samples(store):
     volume = wvr.build_ranges(store)
     known = volume.ranges

@@ -30,7 +30,7 @@ WAVES = 3
 AHEAD = 2
 
 
-class Blocks:
+class BrickReader:
     """Bricks of a stored volume, with what was read of it.
 
     Parameters

@@ -18,13 +18,14 @@ from ..kernels.bricks.tops import ask_for_most, settle_for_middles
 from ..kernels.bricks.unread import Unread
 from ..launch import launch_pixels
 from .allowance import Allowance
-from .blocks import Blocks
+from .blocks import BrickReader
 from .finder import Finder
 from .grid import FAR, Index
 
 if TYPE_CHECKING:
     from .streamed import Streamed
 
+Floats = NDArray[np.float64]
 # Rays along an axis that are asked first, while they find something.
 RAYS = 128
 # Bricks that are read under a budget before rays are asked again.
@@ -66,7 +67,7 @@ class Extremes:
         for index in self.lost:
             numbers[index[::-1]] = -1
         for step in steps:
-            struct = self._struct(numbers)
+            struct = struct_of(self.march, numbers, self.least, self.tops)
             struct.stride = step
             shape = -(-height // step), -(-width // step)
             asked = wp.empty(shape, dtype=int, device=self.caster.keep.device)
@@ -89,21 +90,10 @@ class Extremes:
             return None
         width, height = self.caster.size
         half = wp.zeros((height, width), dtype=wp.float64, device=self.caster.keep.device)
-        self._launch(settle_for_middles, self._struct(self.numbers), [half], (height, width))
+        self._launch(
+            settle_for_middles, struct_of(self.march, self.numbers, self.least, self.tops), [half], (height, width)
+        )
         return half.numpy()
-
-    def _struct(self, numbers: NDArray[np.int32]) -> Any:
-        caster, device = self.caster, self.caster.keep.device
-        struct = Unread()
-        for name, along in zip("xyz", self.march.bricks.edges, strict=True):
-            faces = np.array(along, np.float64)
-            faces[0], faces[-1] = -FAR, FAR
-            setattr(struct, name, wp.array(faces, dtype=wp.float64, device=device))
-        struct.number = wp.array(numbers, dtype=int, device=device)
-        struct.least = wp.array(self.least.ravel(), dtype=wp.float64, device=device)
-        struct.most = wp.array(self.tops.ravel(), dtype=wp.float64, device=device)
-        struct.grain, struct.stride = caster.grain, 1
-        return struct
 
     def _launch(self, kernel: wp.Kernel, struct: Any, outputs: list[wp.array], shape: tuple[int, int]) -> None:
         view, device = self.caster.view, self.caster.keep.device
@@ -112,7 +102,24 @@ class Extremes:
         wp.synchronize_device(device)
 
 
-def render(march: Streamed, blocks: Blocks, allowance: Allowance) -> tuple[Any, int]:
+def struct_of(march: Streamed, numbers: NDArray[np.int32], least: Floats, most: Floats) -> Any:
+    """The struct of kernels for ``numbers`` (z, y, x) of bricks among what those have at least and at most, negative
+    where they are left out.
+    """
+    device = march.keep.device
+    struct = Unread()
+    for name, along in zip("xyz", march.bricks.edges, strict=True):
+        faces = np.array(along, np.float64)
+        faces[0], faces[-1] = -FAR, FAR
+        setattr(struct, name, wp.array(faces, dtype=wp.float64, device=device))
+    struct.number = wp.array(numbers, dtype=int, device=device)
+    struct.least = wp.array(least.ravel(), dtype=wp.float64, device=device)
+    struct.most = wp.array(most.ravel(), dtype=wp.float64, device=device)
+    struct.grain, struct.astray, struct.stride = march.caster.grain, march.caster.view.astray, 1
+    return struct
+
+
+def render(march: Streamed, blocks: BrickReader, allowance: Allowance) -> tuple[Any, int]:
     """What rays find, and how many bricks were looked into."""
     extremes = Extremes(march)
     caster = extremes.caster

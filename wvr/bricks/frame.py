@@ -46,12 +46,12 @@ def check(scene: Scene, reading: Reading) -> None:
             f"bricks (memory_limit, client, wvr.open), got {integrator!r}, which says of itself that it does not split"
         )
     limited = reading.budgeted
-    bounded = getattr(integrator.half(scene), "bounded", False) and not integrator.probes
+    bounded = getattr(integrator.half(scene), "bounded", False)
     for name, given, value in (("budget", limited, "one"), ("missing", reading.missing == "bound", '"bound"')):
-        if given and not (bounded or integrator.seeks):
+        if given and not bounded:
             raise ValueError(
-                f"{name} = {value} needs an integrator with a bound on what is not read, Certified or a largest or "
-                f"smallest value, got {integrator!r}"
+                f"{name} = {value} needs an integrator with a bound on what is not read, Certified, Projection or "
+                f"Isosurface, got {integrator!r}"
             )
         if given and not scene.volume.stored:
             raise ValueError(f"{name} is for volumes of wvr.open, got one in memory")

@@ -19,7 +19,7 @@ from ..frame import Frame
 from ..kernels.bricks.unread import show_unread, weigh_unread
 from ..launch import launch_pixels
 from .allowance import Allowance
-from .blocks import Blocks
+from .blocks import BrickReader
 from .brick import shared
 from .grid import Index
 from .partial import Partial
@@ -62,7 +62,7 @@ class Limited:
         """Whether there is no room for more."""
         return PIXEL * sum(partial.samples.size for partial in self.partials.values()) >= self.room
 
-    def cast(self, blocks: Blocks, index: Index) -> None:
+    def cast(self, blocks: BrickReader, index: Index) -> None:
         """Read a brick."""
         march = self.march
         rect = march.caster.footprint(index)
@@ -74,7 +74,7 @@ class Limited:
             march.keep.end_of_frame()
         self.partials[index] = partial
 
-    def next(self, blocks: Blocks) -> list[Index]:
+    def next(self, blocks: BrickReader) -> list[Index]:
         """Bricks to be read now, from the camera outwards; none where all that is left fits into what is spared."""
         march = self.march
         width, height = march.caster.size
@@ -167,7 +167,7 @@ class Limited:
             wp.synchronize_device(device)
 
 
-def render(march: Streamed, blocks: Blocks, allowance: Allowance, room: int) -> tuple[Partial, int]:
+def render(march: Streamed, blocks: BrickReader, allowance: Allowance, room: int) -> tuple[Partial, int]:
     """The image of what a budget allows, and how many bricks were rendered."""
     limited = Limited(march, room, allowance)
     pixels = march.caster.size[0] * march.caster.size[1]

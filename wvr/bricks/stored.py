@@ -236,9 +236,13 @@ class StoredVolume(Field):
         try:
             samples = self.samples.read(low, high)
         except Exception as error:
+            way = 'missing="bound" renders without them'
+            if self.samples.dtype.kind == "f" and (self.ranges is None or not self.ranges.known.all()):
+                # What they may be nobody knows.
+                way += ", by ranges (wvr.build_ranges) of a time when they could be read"
             raise OSError(
                 f"{self.samples.name}: the samples at {where} could not be read "
-                f'({type(error).__name__}: {error}); missing="bound" renders without them'
+                f"({type(error).__name__}: {error}); {way}"
             ) from error
         if samples.dtype.kind == "f" and self.nan == "error" and not np.all(np.isfinite(samples)):
             raise ValueError(

@@ -16,9 +16,9 @@ from ..keep import Keeper
 from ..memory import free_host_memory
 from ..notices import announce
 from ..scene import Scene
-from . import extremes, limited
+from . import extremes, limited, rest
 from .allowance import Allowance
-from .blocks import Blocks
+from .blocks import BrickReader
 from .finder import Findings, caster_of
 from .grid import Bricks, Index, Rect, in_order
 from .partial import Partial
@@ -127,12 +127,15 @@ class Streamed:
         if reading.budgeted:
             # Half for images of bricks.
             room //= 2
-        seeks = self.caster.scene.integrator.seeks
+        integrator = self.caster.scene.integrator
+        seeks, partly = integrator.seeks, reading.budgeted or reading.missing == "bound"
         blocks = self.blocks(room, again=reading.budgeted or bool(seeks))
         self.spared = 0
         try:
             if seeks:
                 image, cast = extremes.render(self, blocks, allowance)
+            elif integrator.probes and partly:
+                image, cast = rest.render(self, blocks, allowance)
             elif reading.budgeted:
                 image, cast = limited.render(self, blocks, allowance, room)
             else:
@@ -156,7 +159,7 @@ class Streamed:
         }
         return image, stats
 
-    def _outwards(self, blocks: Blocks) -> tuple[Partial, int]:
+    def _outwards(self, blocks: BrickReader) -> tuple[Partial, int]:
         """The image, and how many bricks were rendered, from the camera outwards."""
         caster = self.caster
         image = caster.nothing()
@@ -181,9 +184,9 @@ class Streamed:
             self.keep.end_of_frame()
         return image, cast
 
-    def blocks(self, room: int, again: bool = False) -> Blocks:
+    def blocks(self, room: int, again: bool = False) -> BrickReader:
         """Those of its bricks, in so many bytes; ``again``, if they are not asked for from the camera outwards."""
-        return Blocks(self.volume, self.bricks, self.caster.halo, self.towards, room, again)
+        return BrickReader(self.volume, self.bricks, self.caster.halo, self.towards, room, again)
 
     def wanted(self, image: Partial, index: Index, end: bool = True) -> Rect | None:
         """The pixels that a brick is rendered in; None where there are none, as their rays may have ended."""
@@ -226,7 +229,7 @@ class Streamed:
         needed = self.needed(Partial.nothing(rect, False), index, rect)
         return set(product(*self.volume.spans(*self.caster.halo.box(self.bricks, index)))) if needed is None else needed
 
-    def ahead(self, blocks: Blocks, image: Partial, order: list[Index], needed: set[Index] | None) -> None:
+    def ahead(self, blocks: BrickReader, image: Partial, order: list[Index], needed: set[Index] | None) -> None:
         """Have the first brick read, and the next ones meanwhile."""
         for index in blocks.coming:
             if self.wanted(image, index, end=False) is None:
@@ -263,7 +266,7 @@ class Streamed:
 
     def cast(
         self,
-        blocks: Blocks,
+        blocks: BrickReader,
         image: Partial,
         index: Index,
         rect: Rect,
