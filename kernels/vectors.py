@@ -25,6 +25,7 @@ auto bits = [](vi a) -> unsigned {
 #define MIN __builtin_elementwise_min
 #define ABS(a) ((vf)((vi)(a) & 0x7fffffff))
 #define ABSD(a) ((vd)((vq)(a) & 0x7fffffffffffffffLL))
+#define JOIN8(a, b) __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7)
 #define JOIN(a, b) __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15)
 """
 

@@ -52,6 +52,7 @@ for (int l = 0; l < padded; l += 8) {
     *(vq*)(at + l) = (q >> 42) * nxy + ((q >> 21) & 0x1fffff) * nx + (q & 0x1fffff);
 }
 // Corners of all.
+EACH_CELL
 for (int l = 0; l < padded; ++l) {
     const auto* c = data + at[l];
 LOAD
@@ -81,6 +82,7 @@ CORNERS
 # Pairs of corners along x, two numbers in one.
 INTEGER = {
     "STORE": "alignas(64) int pair[4][CELLS];",
+    "EACH_CELL": "",
     "LOAD": """
     PAIR p[4];
     __builtin_memcpy(p, c, sizeof(PAIR));
@@ -101,6 +103,7 @@ INTEGER = {
 }
 FLOATING = {
     "STORE": "alignas(64) float pair[9][CELLS];",
+    "EACH_CELL": "",
     "LOAD": """
     const double c0 = double(c[0]), c2 = double(c[nx]), c4 = double(c[nxy]), c6 = double(c[nxy + nx]);
     pair[0][l] = (float)(c0 - field.shift);
@@ -123,6 +126,8 @@ FLOATING = {
 # Pairs of float32 likewise, whose differences single precision has as exactly as double rounded.
 SINGLE = {
     "STORE": "alignas(64) int64_t pair[4][CELLS];",
+    # Gathers would wait for lines of the cache one after the other.
+    "EACH_CELL": "#pragma clang loop vectorize(disable)",
     "LOAD": """
     __builtin_memcpy(pair[0] + l, c, 8);
     __builtin_memcpy(pair[1] + l, c + nx, 8);

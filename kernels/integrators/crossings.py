@@ -45,9 +45,9 @@ struct Part {
     float mid, wide;  // of the cell
     float x, A, color[3], e, pieces;
 };
-const float* __restrict table = rows.row.data;
+const float *__restrict table = rows.row.data, *__restrict bins = rows.bins.data;
 const double* __restrict knots = rows.knots.data;
-const int *__restrict seen = transfer.visible.data, *__restrict bins = rows.bins.data;
+const int* __restrict seen = transfer.visible.data;
 const auto *__restrict values = transfer.value.data, *__restrict slopes = transfer.slope.data;
 int *some = which.data, *rays = some + which.shape[1];
 const int64_t wide = found.shape[1];
@@ -57,7 +57,7 @@ const double low = rows.low, scale = rows.scale;
 auto interval = [&](double s) -> int {
     double q = (s - low) * scale;
     q = q > 0.0 ? q : 0.0;
-    int k = bins[q < nbins - 1 ? (int)q : nbins - 1];
+    int k = (int)bins[4 * (q < nbins - 1 ? (int)q : nbins - 1)];
     while (k > 0 && s < knots[k]) --k;
     while (k < outer && s >= knots[k + 1]) ++k;
     return k;

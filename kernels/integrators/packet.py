@@ -7,7 +7,7 @@ import warp as wp
 from ..field.blocks import Blocks
 from ..field.strides import Rays
 from ..transfer.rows import Rows
-from ..vectors import VECTORS
+from ..vectors import VECTORS, apart
 from . import single
 from .single import CELLS
 
@@ -76,14 +76,31 @@ auto columns = [](const float* from, const int* which, vf* to) {
 };
 """
 
+# The first three of four numbers of sixteen records.
+RECORDS = """
+auto records = [](const float* from, const int* which, vf* to) {
+    v4f q[16];
+    vf a[4];
+    for (int l = 0; l < 16; ++l) q[l] = *(const v4f*)(from + 4 * (int64_t)which[l]);
+    for (int l = 0; l < 4; ++l) {
+        const v8f low = JOIN8(q[l], q[l + 4]), high = JOIN8(q[l + 8], q[l + 12]);
+        a[l] = JOIN(low, high);
+    }
+    const vf b0 = LO32(a[0], a[1]), b1 = LO32(a[2], a[3]);
+    to[0] = LO64(b0, b1);
+    to[1] = HI64(b0, b1);
+    to[2] = LO64(HI32(a[0], a[1]), HI32(a[2], a[3]));
+};
+"""
+
 MEASURE = (
     VECTORS
     + FADING
     + SERIES
     + COLUMNS
+    + RECORDS
     + """
-const float* __restrict table = rows.row.data;
-const int* __restrict bins = rows.bins.data;
+const float *__restrict table = rows.row.data, *__restrict bins = rows.bins.data;
 const double* __restrict knots = rows.knots.data;
 const int16_t* __restrict kinds = blocks.kinds.data;
 const int nbins = rows.bins.shape[0], levels = rows.levels, fitted = rows.fitted;
@@ -134,20 +151,25 @@ for (int u = 0; u < some[1]; u += 16) {
         // The interval of the middle, and where that ends too early a fitted row.
         const vf q = MIN(MAX((s - rows.low) * rows.scale, zero), zero + (float)(nbins - 1));
         *(vi*)r = __builtin_convertvector(q, vi);
-        for (int l = 0; l < 16; ++l) r[l] = bins[r[l]];
-        const bool same = all(*(vi*)r == r[0]);
-        if (same) spread(table + 16 * (int64_t)r[0]);
-        else fetch();
+        vf of_bin[3];
+        records(bins, r, of_bin);
+        vi k = __builtin_convertvector(of_bin[0], vi);
+        center = of_bin[1];
+        width = of_bin[2];
         holds();
-        last = same && all(good) ? r[0] : -1;
-        if (!all(good)) {
+        const bool known = all(good);
+        if (!known) {
             // Those that end in another interval than their mean is in.
             const vf far = off + m2 * (2.0f / 3), odd = m1 + m3;
             crosses = (ABS(off) <= width) & (MAX(ABS(far + odd), ABS(far - odd)) > width + delta);
-            *(vi*)r = good ? *(vi*)r : fit();
-            fetch();
-            holds();
+            k = good ? k : fit();
         }
+        const bool same = all(k == k[0]);
+        *(vi*)r = k;
+        if (same) spread(table + 16 * (int64_t)k[0]);
+        else fetch();
+        if (!known) holds();
+        last = same && known ? k[0] : -1;
     }
     for (bool again = true;; again = false) {
         const vf ww = m1 * (m1 * (2.0f / 3) + m3 * 0.8f) + m2 * m2 * (8.0f / 45) + m3 * m3 * (2.0f / 7);
@@ -213,8 +235,7 @@ for (int u = 0; u < some[1]; u += 16) {
 
 # Of each ray sixteen cells at a time, behind those that ``sums`` has.
 COMPOSE = (
-    VECTORS
-    + FADING
+    FADING
     + """
 const float* __restrict table = rows.row.data;
 const int64_t room = found.shape[1];
@@ -248,14 +269,16 @@ for (int ray = 0; ray < rays.going.shape[0]; ++ray) {
         if (bits(k < -1)) {
             // So much each of what the ray was allowed so far and has not spent, as long as there is anything.
             const double left = share * total[3] + along * (time[at] - line[6]) - total[4];
-            const float most = astray ? -__builtin_inff() : (float)((LEFT) * 0.999 * left / front);
+            const float most = astray ? -__builtin_inff() : (float)(0.999 * left / front);
             v8f long8[2];
             for (int b = 0; b < 2; ++b) {
                 const double* t = time + at + 8 * b;
                 long8[b] = __builtin_convertvector(*(const vd*)(t + times.shape[1]) - *(const vd*)t, v8f);
             }
             const vf over = e - (spend[0] * A + spend[1] * JOIN(long8[0], long8[1]));
-            const vi spent = (k < -1) & (over <= most);
+            vi spent = (k < -1) & (over <= (LEFT) * most);
+            // Or less each, where all of them are more than there is.
+            if (sum(spent ? MAX(over, zero) : zero) > most) spent = (k < -1) & (over <= most * (1.0f / 16));
             k = spent ? -2 - k : k;
             const unsigned left_over = bits((k < -1) & mine);
             *(vi*)(rows_of + at) = mine ? k : *(const vi*)(rows_of + at);
@@ -284,28 +307,31 @@ for (int ray = 0; ray < rays.going.shape[0]; ++ray) {
             const float* a = table + 16 * (int64_t)k[0];
             color[0] = sum(TA) * *(const v4f*)(a + 8) + sum(TV) * *(const v4f*)(a + 12);
         } else {
-            alignas(64) float ta[16], tv[16];
             alignas(64) int r[16];
-            *(vf*)ta = TA;
-            *(vf*)tv = TV;
             *(vi*)r = MAX(k, (vi){});
+            vf by_row = TA, by_slope = TV;
             const unsigned cut = bits((k < 0) & mine);
             if (cut) {
                 // Of a cell that was cut, its colour is in place of what others have.
                 alignas(64) float t[16];
                 *(vf*)t = T;
-                *(vf*)ta = k < 0 ? zero : TA;
-                *(vf*)tv = k < 0 ? zero : TV;
+                by_row = k < 0 ? zero : TA;
+                by_slope = k < 0 ? zero : TV;
                 for (unsigned rest = cut; rest; rest &= rest - 1) {
                     const int l = __builtin_ctz(rest);
                     color[l & 3] += t[l] * (v4f){in[2 * room + l], in[3 * room + l], in[5 * room + l], 0.0f};
                 }
             }
-            for (int l = 0; l < n; l += 4)
-                for (int m = 0; m < 4; ++m) {
-                    const float* a = table + 16 * (int64_t)r[l + m];
-                    color[m] += ta[l + m] * *(const v4f*)(a + 8) + tv[l + m] * *(const v4f*)(a + 12);
-                }
+            // Colours and slopes of two rows at a time.
+            vf both[2] = {};
+#define FOUR(l) l, l, l, l
+#define OF_ROW(l) *(const v8f*)(table + 16 * (int64_t)r[l] + 8)
+#define TWO(l) \\
+            both[(l >> 1) & 1] += JOIN(OF_ROW(l), OF_ROW(l + 1)) * __builtin_shufflevector( \\
+                by_row, by_slope, FOUR(l), FOUR(l + 16), FOUR(l + 1), FOUR(l + 17));
+            TWO(0) TWO(2) TWO(4) TWO(6) TWO(8) TWO(10) TWO(12) TWO(14)
+            both[0] += both[1];
+            for (int m = 0; m < 4; ++m) color[m] += *((const v4f*)both + m);
         }
         color[0] = (color[0] + color[1]) + (color[2] + color[3]);
         for (int c = 0; c < 3; ++c) total[c] += front * color[0][c];
@@ -319,7 +345,6 @@ for (int ray = 0; ray < rays.going.shape[0]; ++ray) {
     if (1.0 - total[3] < clear && (at < lasts[ray] || going)) going = 2;
 }
 some[0] = listed;
-return listed;
 """
 )
 
@@ -349,7 +374,10 @@ def make_packet(lighted=False):
         row: wp.array(dtype=int),
     ): ...
 
-    @wp.func_native(_filled(COMPOSE.replace("LIGHTED", str(int(lighted)))))
+    # With registers of its own.
+    composed = apart(_filled(COMPOSE.replace("LIGHTED", str(int(lighted)))))
+
+    @wp.func_native(composed + "return which.data[0];")
     def compose(
         rows: Rows,
         rays: Rays,

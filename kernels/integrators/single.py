@@ -16,13 +16,13 @@ import warp as wp
 
 from ..field.blocks import Blocks
 from ..field.strides import Rays
-from ..transfer.rows import Rows
+from ..transfer.rows import Rows, bin
 
 # Cells that are measured at a time, and composed at a time.
 CELLS = 64
 LANES = 16
-# A cell may have so much of what its ray has left.
-LEFT = 1 / 16
+# A cell may have so much of what its ray has left, as long as all that are composed at a time have no more than that.
+LEFT = 1 / 4
 # Rounding, in parts of what is rounded: of the scalar from a row's center (S3), of an extinction that is nowhere
 # negative (S5), of depth (S7) and of V (S8).
 U = 2.0**-24
@@ -78,7 +78,8 @@ def make_single():
     ``-2 - row`` for one that exceeds its share, and -1 for one that others put there: its colour is in place of V and
     off, and in the last row. ``compose`` puts the next cells of all rays behind what there is, ``LANES`` at a time, as
     long as transparency is what the ray is to be ``clear`` by, up to the first lanes with a cell for which a ``LEFT``
-    of what the ray has left of its shares is not enough, or any that exceeds its own where the rays are ``astray``.
+    of what the ray has left of its shares is not enough, or a sixteenth of it where all those together are more than
+    it has, or any that exceeds its own where the rays are ``astray``.
     Those are left to others: ``which`` (2, n) has how many and which they are, and behind that their rays.
     """
     real = wp.float32
@@ -166,8 +167,8 @@ def make_single():
                 best = Measured()
                 best.fine = True
             elif s - s == real(0.0) and R - R == real(0.0):
-                bin = wp.clamp((s - rows.low) * rows.scale, real(0.0), real(rows.bins.shape[0] - 1))
-                r = rows.bins[int(bin)]
+                q = wp.clamp((s - rows.low) * rows.scale, real(0.0), real(rows.bins.shape[0] - 1))
+                r = bin(rows, int(q))
                 off = (cubic[0, l] - rows.row[r, 0]) + cubic[1, l]
                 delta = cubic[6, l] + wp.abs(off) * real(wp.static(OFFSET_ULPS))
                 if wp.abs(off) + (R + delta) > rows.row[r, 1]:
@@ -200,6 +201,10 @@ def make_single():
             found[4, first + l] = best.e
 
     @wp.func
+    def share_of(spend: wp.vec3, found: wp.array2d(dtype=real), times: wp.array2d(dtype=wp.float64), l: int):
+        return spend[0] * found[1, l] + spend[1] * real(times[1, l] - times[0, l])
+
+    @wp.func
     def compose(
         rows: Rows,
         rays: Rays,
@@ -221,11 +226,18 @@ def make_single():
                 front = one - rays.sums[ray, 3]
                 left = wp.float64(spend[0]) * rays.sums[ray, 3]
                 left += wp.float64(spend[1]) * (times[0, at] - rays.lines[ray, 6]) - rays.sums[ray, 4]
-                most = real(wp.float64(wp.static(0.999 * LEFT)) * left / front)
+                left = wp.float64(0.999) * left / front
+                most = real(wp.static(LEFT)) * real(left)
+                together = real(0.0)
+                for l in range(at, stop):
+                    over = found[4, l] - share_of(spend, found, times, l)
+                    if row[l] < -1 and over <= most:
+                        together += wp.max(over, real(0.0))
+                if together > real(left):
+                    most = real(wp.static(1.0 / LANES)) * real(left)
                 for l in range(at, stop):
                     if row[l] < -1:
-                        share = spend[0] * found[1, l] + spend[1] * real(times[1, l] - times[0, l])
-                        if found[4, l] - share <= most and not astray:
+                        if found[4, l] - share_of(spend, found, times, l) <= most and not astray:
                             row[l] = -2 - row[l]
                         else:
                             waits = True

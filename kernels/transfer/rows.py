@@ -9,7 +9,8 @@ class Rows:
 
     row: wp.array2d(dtype=wp.float32)  # (n, 16)
     knots: wp.array(dtype=wp.float64)  # where intervals begin, of the transfer function
-    bins: wp.array(dtype=int)  # of equal bins from ``low`` on, the interval of the middle
+    # (n, 4): of equal bins from ``low`` on, the interval of the middle, and the first two numbers of its row
+    bins: wp.array2d(dtype=wp.float32)
     low: wp.float32
     scale: wp.float32  # bins per scalar
     fine: wp.float32  # narrowest windows per scalar
@@ -32,7 +33,7 @@ def knot(rows: Rows, k: int) -> wp.float64:
     ...
 
 
-@wp.func_native("return *(rows.bins.data + k);")
+@wp.func_native("return (int)*(rows.bins.data + 4 * (size_t)k);")
 def bin(rows: Rows, k: int) -> int:
     """The interval of bin k."""
     ...

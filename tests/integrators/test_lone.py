@@ -182,7 +182,7 @@ def test_cut_cells_are_within_their_bounds():
         transfer = struct_of(Keeper(get_device("cpu"))(Transfer(tf, 1.0, 0.0, "float64", False)))
         table, bins, numbers = rows(tf.knots, transfer_values(tf, 1.0), 0.0, 1.0)
         struct = Rows()
-        struct.row, struct.bins = wp.array(table, device="cpu"), wp.array(bins, dtype=int, device="cpu")
+        struct.row, struct.bins = wp.array(table, device="cpu"), wp.array(bins, device="cpu")
         struct.knots = transfer.knot
         for name, value in numbers.items():
             setattr(struct, name, value)

@@ -59,7 +59,9 @@ def test_rows_deviate_by_no_more_than_they_say(seed):
     values[rng.random(n) < 0.3, 3] = 0
     low, high = np.sort(knots[0] + np.ptp(knots) * rng.uniform(-0.5, 1.5, 2))
     table, bins, numbers = rows(knots, values, low, high)
-    assert table.dtype == np.float32 and np.all((bins >= 0) & (bins < numbers["fitted"]))
+    of_bin = bins[:, 0].astype(int)
+    assert table.dtype == bins.dtype == np.float32 and np.all((of_bin >= 0) & (of_bin < numbers["fitted"]))
+    assert np.array_equal(bins[:, 1:3], table[of_bin, :2])
     assert len(table) == numbers["fitted"] + 2 * 2 ** numbers["levels"] - 1 and numbers["fitted"] == n + 1
     some = table[table[:, 1] > 0]
     # In the window and at its ends; there a jump's value is that inside.
@@ -150,7 +152,7 @@ def measured(vectors, data, tf, seed, flags=None):
     table, bins, numbers = rows(tf.knots, transfer_values(tf, 1.0), float(finite.min()), float(finite.max()))
     struct = Rows()
     struct.knots = transfer.knot
-    struct.row, struct.bins = wp.array(table, device="cpu"), wp.array(bins, dtype=int, device="cpu")
+    struct.row, struct.bins = wp.array(table, device="cpu"), wp.array(bins, device="cpu")
     for name, value in numbers.items():
         setattr(struct, name, value)
     d = rng.normal(size=3)
@@ -249,7 +251,7 @@ def cut_cells(tf, cubic, spend, flags):
     transfer = struct_of(Keeper(get_device("cpu"))(Transfer(tf, 1.0, 0.0, "float64", False)))
     table, bins, numbers = rows(tf.knots, transfer_values(tf, 1.0), 0.0, 1.0)
     struct = Rows()
-    struct.row, struct.bins = wp.array(table, device="cpu"), wp.array(bins, dtype=int, device="cpu")
+    struct.row, struct.bins = wp.array(table, device="cpu"), wp.array(bins, device="cpu")
     struct.knots = transfer.knot
     for name, value in numbers.items():
         setattr(struct, name, value)

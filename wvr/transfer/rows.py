@@ -46,15 +46,17 @@ class FittedRows(Part):
         table, bins, numbers = rows(knots, points.values, self.low, self.high)
         result.row = wp.array(table, dtype=wp.float32, device=keep.device)
         result.knots = transfer.knot
-        result.bins = wp.array(bins, dtype=int, device=keep.device)
+        result.bins = wp.array(bins, dtype=wp.float32, device=keep.device)
         for name, value in numbers.items():
             setattr(result, name, value)
         return result
 
 
-def rows(knots: Floats, values: Floats, low: float, high: float) -> tuple[NDArray[np.float32], NDArray, dict[str, Any]]:
-    """Rows (n, 16) of control points (m,) with colour and extinction (m, 4), the interval of each bin, and the numbers
-    of the struct.
+def rows(
+    knots: Floats, values: Floats, low: float, high: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32], dict[str, Any]]:
+    """Rows (n, 16) of control points (m,) with colour and extinction (m, 4), those of bins, and the numbers of the
+    struct.
 
     A row is: middle and half width of its window; extinction ``t0 + t1 w + t2 w^2`` at w from the middle; the largest
     deviation of extinction and of colour; the steepest colour; colour in the middle and its slope, behind which are, of
@@ -73,7 +75,10 @@ def rows(knots: Floats, values: Floats, low: float, high: float) -> tuple[NDArra
     halves = np.repeat(2.50001 * wide, [len(m) for m in middles])
     fitted = _parabolas(ends, at, np.concatenate(middles), halves)
     scale = BINS / (end - begin)
-    bins = np.searchsorted(ends, begin + (np.arange(BINS) + 0.5) / scale, "right") - 1
+    of_bin = np.searchsorted(ends, begin + (np.arange(BINS) + 0.5) / scale, "right") - 1
+    of_bin = np.clip(of_bin, 0, len(own) - 1)
+    bins = np.zeros((BINS, 4), np.float32)
+    bins[:, 0], bins[:, 1:3] = of_bin, own[of_bin, :2]
     numbers = {
         "low": begin,
         "scale": scale,
@@ -83,7 +88,7 @@ def rows(knots: Floats, values: Floats, low: float, high: float) -> tuple[NDArra
         "levels": LEVELS,
         "fitted": len(own),
     }
-    return np.concatenate([own, fitted]), np.clip(bins, 0, len(own) - 1).astype(np.int32), numbers
+    return np.concatenate([own, fitted]), bins, numbers
 
 
 def _lines(ends: Floats, at: Floats) -> NDArray[np.float32]:
