@@ -377,7 +377,7 @@ def make_packet(lighted=False):
     # With registers of its own.
     composed = apart(_filled(COMPOSE.replace("LIGHTED", str(int(lighted)))))
 
-    @wp.func_native(composed + "return which.data[0];")
+    @wp.func_native(composed + "return *which.data;")
     def compose(
         rows: Rows,
         rays: Rays,
