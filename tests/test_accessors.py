@@ -66,7 +66,7 @@ def test_what_a_plotter_shows(volume, tmp_path):
     """The same transfer function, camera and size; and a picture like VTK's."""
     plotter = pv.Plotter(off_screen=True, window_size=(60, 48))
     plotter.background_color = "black"
-    with pytest.raises(ValueError, match=r"plotter must have one volume.*got 0"):
+    with pytest.raises(ValueError, match=r"plotter must have one visible volume.*got 0"):
         plotter.wvr.screenshot()
     plotter.add_volume(volume.to_pyvista(), cmap="gray", opacity="sigmoid_5", show_scalar_bar=False)
     plotter.camera_position = "xz"
@@ -81,3 +81,30 @@ def test_what_a_plotter_shows(volume, tmp_path):
     opacity, wanted = (-np.expm1(-function.extinction(s) * unit) for function in (tf, expected))
     np.testing.assert_allclose(opacity, wanted, atol=0.02)
     assert np.abs(image.to_uint8("black").astype(int) - theirs).mean() < 12
+
+
+def test_a_volume_that_a_plotter_moved_is_where_it_is(volume):
+    plotter = pv.Plotter(off_screen=True, window_size=(60, 48))
+    actor = plotter.add_volume(volume.to_pyvista(), cmap="gray", show_scalar_bar=False)
+    actor.RotateZ(30)
+    actor.SetPosition(5, 0, -3)
+    plotter.set_scale(zscale=0.5)
+    plotter.camera_position = "iso"
+    theirs, image = plotter.screenshot(return_img=True), plotter.wvr.screenshot()
+    plotter.close()
+    covered, ours = theirs[..., 0] != theirs[0, 0, 0], image.rgba[..., 3] > 0.02
+    assert (covered != ours).mean() < 0.05 < covered.mean()
+
+
+def test_what_is_not_in_the_picture_of_a_plotter_is_said(volume):
+    plotter = pv.Plotter(off_screen=True, window_size=(16, 12))
+    actor = plotter.add_volume(volume.to_pyvista(), blending="maximum", show_scalar_bar=False)
+    actor.GetMapper().SetCropping(True)
+    plotter.set_background("black", top="blue")
+    plotter.add_mesh(pv.Sphere(radius=3), show_scalar_bar=False)
+    with pytest.warns(UserWarning, match="the plotter has meshes, cropping, other blending, a gradient behind, which"):
+        plotter.wvr.screenshot()
+    actor.SetVisibility(False)
+    with pytest.raises(ValueError, match="one visible volume"):
+        plotter.wvr.screenshot()
+    plotter.close()

@@ -148,6 +148,16 @@ def test_a_time_series_has_one_look(kind, tmp_path):
     assert len(frames_of(wvr.time_series(data, output=tmp_path / "a", **FAST))) == 3
 
 
+def test_a_time_series_may_begin_with_nothing():
+    """As simulations do; over what scalars colours are is then said."""
+    moments = np.zeros((2, 8, 8, 8), np.uint8)
+    moments[1, 2:6, 2:6, 2:5] = 200
+    first, second = wvr.time_series(moments, "viridis", clim=(0, 255), **FAST)
+    assert not first.rgba.any() and second.rgba[..., 3].max() > 0.1
+    with pytest.raises(ValueError, match=r"all are 0; give .* clim=\(low, high\)"):
+        wvr.time_series(moments, "viridis", **FAST)
+
+
 @pytest.mark.parametrize(
     ("data", "error", "message"),
     [

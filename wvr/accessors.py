@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from .camera import Camera
 from .image import Image
 from .sources import as_volume
 from .transfer_function import TransferFunction
+from .validation import outside
 from .volume import Volume
 
 if TYPE_CHECKING:
@@ -61,7 +63,8 @@ class PlotterAccessor:
         """Render the volume that the plotter shows, as large as its window, in front of its background.
 
         Opacities are linear between VTK's control points, to 1/512, and colours as light, where VTK composites them
-        sRGB-encoded: pictures differ in what is translucent. Meshes, and clipping by VTK, are not in it.
+        sRGB-encoded: pictures differ in what is translucent. Meshes, clipping and cropping by VTK, other blending and
+        gradients behind are not in it.
 
         Parameters
         ----------
@@ -74,13 +77,25 @@ class PlotterAccessor:
         ------
         ValueError
             For a plotter without a volume, or with several.
+
+        Warns
+        -----
+        UserWarning
+            For what the plotter has and the picture has not.
         """
         from .renderer import render
 
         plotter = self._plotter
-        actors = [actor for actor in plotter.actors.values() if hasattr(actor, "GetProperty") and _is_volume(actor)]
+        shown = [actor for actor in plotter.actors.values() if actor.GetVisibility()]
+        actors = [actor for actor in shown if actor.IsA("vtkVolume")]
         if len(actors) != 1:
-            raise ValueError(f"plotter must have one volume, added by add_volume, got {len(actors)}")
+            raise ValueError(f"plotter must have one visible volume, added by add_volume, got {len(actors)}")
+        if out := left_out(actors[0].GetMapper(), plotter.renderer, shown):
+            warnings.warn(
+                f"the plotter has {', '.join(out)}, which is not in this picture: docs/projections.md has meshes, "
+                f"clip= and integrator= what else there is",
+                stacklevel=outside(),
+            )
         size = tuple(int(n) for n in plotter.window_size)
         found = {
             "transfer_function": function_of_vtk(actors[0].GetProperty()),
@@ -89,14 +104,34 @@ class PlotterAccessor:
             "background": plotter.background_color.hex_rgb,
             "lighting": bool(actors[0].GetProperty().GetShade()),
         }
-        image = render(as_volume(actors[0].GetMapper().GetDataSetInput()), **(found | keywords))
+        volume = as_volume(actors[0].GetMapper().GetDataSetInput())
+        image = render(moved(volume, actors[0].GetMatrix()), **(found | keywords))
         if path is not None:
             image.save(path)
         return image
 
 
-def _is_volume(actor: Any) -> bool:
-    return bool(actor.IsA("vtkVolume"))
+def left_out(mapper: Any, renderer: Any, shown: list[Any]) -> list[str]:
+    """What VTK shows beside a volume, or does to it, and wvr does not."""
+    planes = mapper.GetClippingPlanes()
+    there = {
+        "meshes": any(actor.IsA("vtkActor") for actor in shown),
+        "clipping planes": planes is not None and planes.GetNumberOfItems() > 0,
+        "cropping": bool(mapper.GetCropping()),
+        "other blending": mapper.GetBlendMode() != 0,
+        "a gradient behind": bool(renderer.GetGradientBackground()),
+    }
+    return [name for name, is_there in there.items() if is_there]
+
+
+def moved(volume: Volume, matrix: Any) -> Volume:
+    """A volume where the matrix of VTK's actor takes it."""
+    place = np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
+    if np.array_equal(place, np.eye(4)):
+        return volume
+    pose = place @ volume.index_to_world
+    spacing = np.linalg.norm(pose[:3, :3], axis=0)
+    return Volume(volume.numpy(), spacing, pose[:3, 3], pose[:3, :3] / spacing, nan=volume.nan)
 
 
 def function_of_vtk(volume_property: Any) -> TransferFunction:

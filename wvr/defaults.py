@@ -181,6 +181,9 @@ def function_of(
         if limits[0] == limits[1]:
             raise ValueError(f"clim must be given for a volume whose samples are all {limits[0]:g}")
         return TransferFunction.from_colormap(colors, limits, opacity, "pyvista"), None
+    if clim is not None and volume.range[0] == volume.range[1]:
+        # Of samples that are all one, as a simulation begins, nothing can be suggested.
+        return TransferFunction.from_colormap(colors, limits, "linear", "pyvista"), None
     chosen = _suggestion(volume)
     return recolored(next(iter(chosen.functions.values())), colors, limits), chosen
 

@@ -466,6 +466,16 @@ def test_help_needs_neither_pyvista_nor_matplotlib():
     assert (done.returncode, done.stdout) == (0, f"{wvr.__version__}\n")
 
 
+def test_whoever_reads_may_have_enough(tmp_path):
+    """As of ``wvr info | head``."""
+    np.save(tmp_path / "a.npy", np.arange(27.0).reshape(3, 3, 3))
+    command = [sys.executable, "-m", "wvr", "info", tmp_path / "a.npy"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        process.stdout.close()
+        said = process.stderr.read()
+    assert process.returncode == 1 and "Broken" not in said and "Traceback" not in said
+
+
 def test_studies_are_listed_run_and_reported(run, monkeypatch):
     code, out, err = run("study")
     assert (code, err) == (0, "") and "lum2004: Lum, Wilson and Ma" in out and "    Table 1: " in out

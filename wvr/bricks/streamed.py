@@ -70,6 +70,7 @@ class Streamed:
         self.unneeded: set[Index] = set()  # of those, whose pieces with something to see no ray meets
         self.rest: list[Index] = []  # for which there was no time
         self.missing = 0
+        self.said: set[str] = set()
 
     def _looks(self) -> tuple[Looks, NDArray[np.bool_]]:
         """Of all bricks, in order (z, y, x), and in which of them there may be something to see."""
@@ -292,7 +293,10 @@ class Streamed:
         except OSError as error:
             if self.reading.missing == "error" or isinstance(error, TimeoutError):
                 raise
-            announce("%s", error)
+            # A block may be of several bricks.
+            if (said := str(error).partition("; missing=")[0]) not in self.said:
+                announce("%s", said)
+                self.said.add(said)
             self.missing += 1
             if not isinstance(image, Findings):
                 image.over(unread_brick(self.caster, index, rect, self.looks[[self.number(index)]]))
