@@ -17,7 +17,7 @@ from .base.study import Study
 
 STUDY = Study("cuda", "Kernels for CUDA")
 # Of what there is, for a quick run.
-SAMPLE = ["certified smooth"]
+SAMPLE = ["certified smooth", "certified of 0"]
 
 
 def row(kernel: wp.Kernel, name: str, folder: Path, assembler: str | None) -> dict[str, Any]:

@@ -104,6 +104,13 @@ def scenes(side: int = 6, pixels: int = 16) -> dict[str, partial[wvr.Image]]:
     add("isosurface", volume(), integrator=wvr.Isosurface([95, 110]))
     add("isosurface lit", volume("float16"), integrator=wvr.Isosurface([95]), lighting=wvr.Lighting())
     add(DEPTH, volume(), integrator=wvr.Riemann(0.5))
+    stored = wvr.build_ranges(wvr.open(volume("uint8").numpy()))
+    others = {"maximum": wvr.Projection("max"), "mean": wvr.Projection("mean"), "isosurface": wvr.Isosurface([95])}
+    for name in ("certified", "exact", "riemann", "preintegrated", *others):
+        add(f"{name} bricks", volume(), integrator=(INTEGRATORS | others)[name], memory_limit="1 GiB")
+    for name in ("certified", *others):
+        for budget in (0, "1 B"):
+            add(f"{name} of {budget}", stored, integrator=(INTEGRATORS | others)[name], budget=budget)
     for preintegrated in (False, True):
         name = "preintegrated shadows" if preintegrated else "shadows"
         shadows = wvr.ConvolutionShadows(preintegrated=preintegrated, subsamples=int(preintegrated))
