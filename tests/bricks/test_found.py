@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import wvr
-from wvr.bricks import stored, streamed
+from wvr.bricks import reading, stored, streamed
 from wvr.bricks.allowance import Allowance
 from wvr.bricks.frame import BrickedFrame
 from wvr.bricks.grid import Bricks
@@ -139,7 +139,7 @@ def test_what_stands_for_blocks_that_are_not_read_is_not_seen_in_edges(monkeypat
     assert np.all(apart <= image.error_bound.astype(float) + whole.error_bound)
 
 
-def test_only_bricks_that_may_have_more_are_read(known):
+def test_only_bricks_that_may_have_more_are_read(known, monkeypatch):
     """No block is read whose samples, and those beside it, are all below what each ray finds."""
     camera = wvr.Camera((19.5, 21.45, -60), (19.5, 21.45, 0), up=(0, 1, 0), parallel_scale=21.0)
     image = wvr.render(known, SPAN, camera, (40, 40), integrator=wvr.Projection("max"))
@@ -148,6 +148,12 @@ def test_only_bricks_that_may_have_more_are_read(known):
     least = np.nanmin(found)
     tops = DATA.reshape(5, 8, 5, 8, 5, 8).max(axis=(1, 3, 5))
     assert image.stats["blocks_read"] < 125 and image.stats["blocks_read"] <= (tops > least).sum()
+    # Of blocks that there is no room for the layers are left.
+    monkeypatch.setattr(reading, "LEAST", 1)
+    method = wvr.Projection("max")
+    little = wvr.render(known, SPAN, camera, (40, 40), integrator=method, memory_limit="12 kB")
+    np.testing.assert_array_equal(little.values, image.values)
+    assert little.stats["blocks_read_again"] > 0
 
 
 @pytest.mark.parametrize("method", [wvr.Projection("mean"), SURFACES], ids=repr)

@@ -46,13 +46,15 @@ class BrickReader:
     def __init__(self, volume: StoredVolume, bricks: Bricks, halo: Halo, first: Index, room: int, again: bool = False):
         self.volume, self.bricks, self.halo, self.first = volume, bricks, halo, first
         self.keeps = again or any(halo.samples)
+        self.layered = again and not any(halo.samples)
         self.read: set[Index] = set()
         self.again = 0  # blocks that were read once more
         self.bytes = 0  # of samples that were read
         self.waited = 0.0  # seconds
         self._late = False
         self._full: OrderedDict[Index, NDArray] = OrderedDict()
-        self._layers: dict[Index, dict[tuple[int, int], NDArray]] = {}
+        self._layers: OrderedDict[Index, dict[tuple[int, int], NDArray]] = OrderedDict()
+        self._thin_bytes = 0  # of layers that are left of blocks that there was no room for
         self._coming: dict[Index, Future[Brick]] = {}
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="wvr-read")
         longest = [int(np.diff(along).max()) + 1 + 2 * n for along, n in zip(bricks.edges, halo.samples, strict=True)]
@@ -191,30 +193,46 @@ class BrickReader:
         # One that is read for its layers alone, too, has to find room.
         self._make_room(samples.nbytes)
         self._full[block] = samples
-        if self.keeps:
-            return
-        layers = self._layers[block] = {}
-        for axis in range(3):
+        if self.layered:
+            self._thin_bytes -= _size(self._layers.pop(block, {}))
+        elif not self.keeps:
             # On the sides away from the camera.
-            if block[axis] <= self.first[axis]:
-                layers[axis, FIRST] = np.take(samples, [0], axis=2 - axis)
-            if block[axis] >= self.first[axis]:
-                layers[axis, LAST] = np.take(samples, [-1], axis=2 - axis)
+            sides = product(range(3), (FIRST, LAST))
+            away = [(a, side) for a, side in sides if (block[a] - self.first[a]) * (1 if side == LAST else -1) >= 0]
+            self._layers[block] = _outermost(samples, away)
 
     def _trim(self, index: Index) -> None:
         """Let go of blocks that there is no room for, and of layers that no brick to come needs."""
         self._make_room(0)
         wave = self._distance(index)
-        for block in [block for block in self._layers if self._distance(block) < wave - WAVES]:
-            del self._layers[block]
+        if not self.keeps:
+            for block in [block for block in self._layers if self._distance(block) < wave - WAVES]:
+                del self._layers[block]
 
     def _make_room(self, more: int) -> None:
-        taken = more + sum(samples.nbytes for samples in self._full.values())
+        """Of blocks that were not asked for longest the layers are left, which others need: in half of the room."""
+        taken = more + self._thin_bytes + sum(samples.nbytes for samples in self._full.values())
         while self._full and taken > self.room:
-            taken -= self._full.popitem(last=False)[1].nbytes
+            block, samples = self._full.popitem(last=False)
+            taken -= samples.nbytes
+            if self.layered:
+                self._layers[block] = _outermost(samples, list(product(range(3), (FIRST, LAST))))
+                self._thin_bytes += (size := _size(self._layers[block]))
+                taken += size
+        while self._thin_bytes > self.room // 2:
+            self._thin_bytes -= _size(self._layers.popitem(last=False)[1])
 
     def _distance(self, index: Index) -> int:
         return sum(abs(i - j) for i, j in zip(index, self.first, strict=True))
+
+
+def _outermost(samples: NDArray, sides: list[tuple[int, int]]) -> dict[tuple[int, int], NDArray]:
+    """Layers of a block along some of its axes, first or last."""
+    return {(axis, side): np.take(samples, [0 if side == FIRST else -1], axis=2 - axis) for axis, side in sides}
+
+
+def _size(layers: dict[tuple[int, int], NDArray]) -> int:
+    return sum(layer.nbytes for layer in layers.values())
 
 
 def _layer(block: Index, thin: list[tuple[int, int]]) -> tuple[int, ...]:
