@@ -48,9 +48,22 @@ def test_a_store_becomes_an_image(run, store, tmp_path):
     assert expected[..., 3].max() > 0.5 and whole.shape == DATA.shape
 
 
+def test_a_store_is_read_as_is_said(run, rendered, tmp_path):
+    """Which of its arrays, and how far apart its samples are."""
+    group = zarr.create_group(tmp_path / "two.zarr")
+    for name, add in (("a", 0), ("b", 1)):
+        group.create_array(name, data=DATA // 2 + np.uint8(add), chunks=(8, 8, 8))
+    code, _, err = run("render", "two.zarr", "--scalars", "b", "--spacing", "1,1,2", "--tf", "0:black:0,255:white:0.5")
+    assert (code, err) == (0, "")
+    assert rendered["volume"].spacing.tolist() == [1, 1, 2]
+    assert np.array_equal(rendered["volume"].loaded().numpy(), DATA // 2 + 1)
+
+
 @pytest.mark.parametrize(
     ("options", "named"),
     [
+        (("--frame", "1"), "--frame is for what is read as a whole, 'a.zarr'"),
+        (("--dataset-size", "9"), "--dataset-size is for what is read as a whole"),
         (("--select", "c"), "--select"),
         (("--select", "c:7"), "c must be an index"),
         (("--level", "1"), "level"),

@@ -52,7 +52,7 @@ def orbit(
     if output is None:
         output = Path("orbit.mp4" if find_spec("imageio_ffmpeg") else "orbit.gif")
     with Stages() as stage, streaming.client() as client:
-        volume = streaming.load(source, look.nan) or reading.load(source, look.nan, stage)
+        volume = streaming.load(source, look.nan, reading) or reading.load(source, look.nan, stage)
         keywords, read = look.of(volume, keywords)
         check_kept(output, volume.files + read)
         stage("rendering")

@@ -64,7 +64,7 @@ def render(
     if not piped:
         _check_output(output, look.background)
     with Stages() as stage, streaming.client() as client:
-        volume = streaming.load(source, look.nan) or reading.load(source, look.nan, stage)
+        volume = streaming.load(source, look.nan, reading) or reading.load(source, look.nan, stage)
         keywords, read = look.of(volume, keywords)
         if not piped:
             check_kept(output, volume.files + read)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -25,7 +25,7 @@ class Input:
     Attributes
     ----------
     scalars
-        Array to read, of a VTK, npz or HDF5 file with several.
+        Array to read, of a VTK, npz or HDF5 file or a store with several.
     frame
         Volume to read, from 0 on, of a file or series with several in time.
     shape
@@ -33,7 +33,7 @@ class Input:
     dtype
         Type of bare samples: uint8, int16, float32, ...; big-endian is >u2, >f4, ...
     spacing
-        DX,DY,DZ: distances of bare samples along x, y, z; by default 1,1,1.
+        DX,DY,DZ: distances of bare samples along x, y, z; by default 1,1,1. Of a store, instead of those that it says.
     offset
         Bytes before the first bare sample.
     dataset_size
@@ -75,6 +75,13 @@ class Input:
             raise ValueError(f"--dataset-size is for generated datasets, {source!r} is downloaded as it is")
         return datasets.fetch(source)  # which shows its own progress
 
+    def of_store(self, source: str) -> dict[str, Any]:
+        """Keywords of :func:`wvr.open`, for what stays where it is."""
+        whole = f"what is read as a whole, {source!r} is read as it is seen"
+        self._refuse("frame", "shape", "dtype", "offset", "dataset_size", of=whole)
+        spacing = None if self.spacing is None else numbers(self.spacing, "--spacing", "1,1,2.5")
+        return {"scalars": self.scalars, "spacing": spacing}
+
     def _read(self, source: str, nan: Literal["error", "transparent"]) -> Volume:
         from ..io import read
 
@@ -85,7 +92,7 @@ class Input:
 
     def _refuse(self, *names: str, of: str) -> None:
         if given := [name for name in names if getattr(self, name) is not None]:
-            raise ValueError(f"--{given[0]} is for {of}")
+            raise ValueError(f"--{given[0].replace('_', '-')} is for {of}")
 
     def _bare(self, source: str, nan: Literal["error", "transparent"]) -> Volume:
         import numpy as np

@@ -16,6 +16,7 @@ from .stages import Stages
 
 if TYPE_CHECKING:
     from ..bricks.stored import StoredVolume
+    from .source import Input
 
 Workers = Annotated[int | None, Parameter(validator=Number(gte=1))]
 Level = Annotated[int | None, Parameter(validator=Number(gte=0))]
@@ -52,7 +53,7 @@ class Streaming:
     level: Level = None
     select: Annotated[tuple[str, ...], Parameter(negative="")] = ()
 
-    def load(self, source: str, nan: Literal["error", "transparent"]) -> StoredVolume | None:
+    def load(self, source: str, nan: Literal["error", "transparent"], reading: Input) -> StoredVolume | None:
         """The volume of a store; None where the source is another that is read as a whole."""
         from ..bricks.open import HDF5
         from ..bricks.open import open as open_volume
@@ -66,7 +67,7 @@ class Streaming:
                 raise ValueError(f"--level, --select, --budget and --missing are for stores (zarr), {source!r} is none")
             return None
         selection: Any = dict(map(_selected, self.select))
-        return open_volume(source, self.level, nan=nan, **selection)
+        return open_volume(source, self.level, nan=nan, **reading.of_store(source), **selection)
 
     def options(self, client: Any) -> dict[str, Any]:
         """Those of ``wvr.render``."""

@@ -54,7 +54,7 @@ def view(
     keywords = look.keywords()
     with Stages() as stage:
         stores = Streaming(level=level, select=select)
-        opened = [stores.load(source, look.nan) or reading.load(source, look.nan, stage) for source in sources]
+        opened = [stores.load(source, look.nan, reading) or reading.load(source, look.nan, stage) for source in sources]
         stage("reading")
         volumes: list[Any] = [volume.loaded() if isinstance(volume, StoredVolume) else volume for volume in opened]
         keywords, _ = look.of(volumes[0], keywords)
