@@ -78,7 +78,7 @@ def scenes(side: int = 6, pixels: int = 16) -> dict[str, partial[wvr.Image]]:
     }
     calls: dict[str, partial[wvr.Image]] = {}
 
-    def add(name: str, field: wvr.Volume, tf: Any = TF, **options: Any) -> None:
+    def add(name: str, field: Any, tf: Any = TF, **options: Any) -> None:
         calls[name] = partial(wvr.render, field, tf, "iso", (pixels, pixels), **({"lighting": False} | options))
 
     for n, ((name, integrator), extra) in enumerate(product(INTEGRATORS.items(), extras)):
