@@ -91,6 +91,9 @@ def make_put(halves):
         count: int,
         bound: wp.float64,
     ):
+        # Rounding may be on the far side of nothing, or of all that there is: the truth never is.
+        ray = wp.max(ray, wp.vec4d())
+        ray[3] = wp.min(ray[3], wp.float64(1.0))
         if wp.static(halves.brick):
             front = rgba[y, x]
             T = front[3]

@@ -97,7 +97,7 @@ def assert_certified(volume, tf, camera, tolerance, size=(16, 16), options=None,
     exact = wvr.render(volume, tf, camera, size, integrator=wvr.Exact(), **scene)
     image = wvr.render(volume, tf, camera, size, tolerance=tolerance, **scene, **(options or {}))
     error = np.abs(image.rgba - exact.rgba).max(axis=2)
-    assert np.all(np.isfinite(image.rgba))
+    assert np.all(np.isfinite(image.rgba)) and image.rgba.min() >= 0 and image.rgba[..., 3].max() <= 1
     assert np.all(error <= image.error_bound), f"{error.max()}, bound {image.error_bound.max()}"
     assert image.error_bound.max() <= tolerance and image.stats["rays_over_tolerance"] == 0
     return image

@@ -575,6 +575,7 @@ def test_random_scenes_are_within_their_bounds(tolerance):
         image = wvr.render(volume, tf, camera, (12, 12), tolerance=tolerance)
         error = np.abs(image.rgba.astype(float) - exact.rgba).max(axis=2)
         assert np.all(np.isfinite(image.rgba)) and np.all(error <= image.error_bound), seed
+        assert image.rgba.min() >= 0 and image.rgba[..., 3].max() <= 1, seed
 
 
 def test_double_precision_where_single_is_not_good_enough():
@@ -584,7 +585,9 @@ def test_double_precision_where_single_is_not_good_enough():
     middle = volume.corners.mean(0)
     camera = wvr.Camera(middle + np.array([0, 0, 20]), middle, up=(0, 1, 0), parallel_scale=4)
     truth = 1 - 0.9**8
-    for options, rounding in (({"tolerance": 1e-3}, 1e-6), ({"tolerance": 1e-3, "precision": "float64"}, 1e-13)):
-        image = wvr.render(volume, tf, camera, (5, 5), **options)
+    for precision, rounding in (("auto", 1e-6), ("float64", 1e-13)):
+        image = wvr.render(volume, tf, camera, (5, 5), tolerance=1e-3, precision=precision)
         assert np.abs(image.rgba[2, 2] - truth).max() < rounding
-    assert wvr.render(volume, tf, camera, (5, 5), tolerance=1e-6).error_bound.max() < 1e-6
+        assert image.stats["walk"] == ("float32" if precision == "auto" else "float64")
+    image = wvr.render(volume, tf, camera, (5, 5), tolerance=1e-6)
+    assert image.error_bound.max() < 1e-6 and image.stats["walk"] == "float64"

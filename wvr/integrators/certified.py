@@ -140,10 +140,11 @@ class Certified(Integrator):
     of a jump, or in the surface of a clip or boundary of labels, so that rounding alone says on which side they are;
     ``image.stats["rays_over_tolerance"]`` counts them. Sums are float64 whatever the image's precision. Of float32
     images most cells are computed in single precision on a CPU, where a bound that counts all rounding allows it;
-    float64 images have none of that. ``image.samples`` counts cells and pieces of cells. ``termination``, where it is
-    given, ends rays at that transparency instead, and the bound says what that costs. A tolerance of less than 2.2
-    times what rounding comes to in any scene is refused, for a float32 or a float64 image; with ``precision="auto"``
-    the image is float64 where rounding to float32 would take more than an eighth of the tolerance.
+    float64 images have none of that; ``image.stats["walk"]`` says which it was. ``image.samples`` counts cells and
+    pieces of cells. ``termination``, where it is given, ends rays at that transparency instead, and the bound says what
+    that costs. A tolerance of less than 2.2 times what rounding comes to in any scene is refused, for a float32 or a
+    float64 image; with ``precision="auto"`` the image is float64 where rounding to float32 would take more than an
+    eighth of the tolerance.
     """
 
     tolerance: float
@@ -277,6 +278,7 @@ class Certified(Integrator):
         extras = [name for name in ("lighting", "shadows") if getattr(frame.scene, name) is not None]
         covered = f"opacity and the unlit integral, not the {' and '.join(extras)}" if extras else "all channels"
         assert frame.error_bound is not None
+        budget = self.budget(frame.scene)
         over = int(np.count_nonzero(frame.error_bound > self.tolerance))
         if over and frame.scene.termination is None and not frame.partly:
             warnings.warn(
@@ -290,6 +292,7 @@ class Certified(Integrator):
         return {
             "bound_covers": f"{covered}: where rays ended, a simpler transfer function, series and rounding",
             "rays_over_tolerance": over,
+            "walk": "float32" if budget.single and (frame.keep.device.is_cpu or budget.ticks) else "float64",
         }
 
 
