@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .cell import make_centered, make_cubic, make_extent
+from .climb import make_climb
 from .cubics import make_centered as make_centered_of
 from .cubics import make_cubics, make_cubics_one_by_one
 from .gradients import make_gradients
@@ -49,6 +50,10 @@ class Grid:
     def seek(self, sign: int) -> Any:
         """``seek`` of ``field.peaks``, from cell to cell in which there may be more or, with a sign of -1, less."""
         return make_seek(self.dtype, sign)
+
+    def climb(self, sign: int) -> Any:
+        """``climb`` of ``field.climb``, to the most along a ray or, with a sign of -1, the least, in vectors."""
+        return make_climb(self.dtype, sign)
 
     def cubics(self, vectors: bool, count: int) -> Any:
         """``cubics`` of ``field.cubics``, of up to ``count`` cells: in vectors, or one by one."""

@@ -1,6 +1,7 @@
 """Peaks: how much there is at most in blocks of 4, 16 and 64 cells along each axis, and rays that leap by that.
 
-From block to block as ``walk.leap`` goes, in C++: that is nearly all that a maximum along a ray costs.
+From block to block as ``walk.leap`` goes, in C++: that is nearly all that a maximum along a ray costs. ``climb`` says
+the same in vectors; this is for what has none.
 """
 
 from functools import cache

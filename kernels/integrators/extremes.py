@@ -49,19 +49,34 @@ def make_probe(halves):
     real = wp.float64
     Scene = halves.Scene
     finite = halves.field.finite
-    seek = halves.field.seek(halves.march.sign)
+    vectors = halves.vectors
+    find = (halves.field.climb if vectors else halves.field.seek)(halves.march.sign)
     value = halves.field.value(real)
     sign = wp.constant(real(halves.march.sign))
     Walk, enter, _, _ = make_walk(real)
 
     @wp.func
-    def search(scene: Scene, walk: Walk, stop: real, found: Found):
+    def climbed(scene: Scene, walk: Walk, stop: real, found: Found):
+        """The same, in vectors."""
+        least = real(-1.0)
+        if not wp.static(finite):
+            least = real(2.0) * scene.view.astray
+        best = find(scene.field, scene.march.peaks, walk, stop, found.value, found.place, least)
+        if best[0] > found.value or best[1] != found.place:
+            found.held = found.state
+        found.value = best[0]
+        found.place = best[1]
+        found.count += int(best[2])
+        return found
+
+    @wp.func
+    def sought(scene: Scene, walk: Walk, stop: real, found: Found):
         best = found.value
         place = found.place
         count = int(0)
         w = walk
         while w.t < stop:
-            w, crest = seek(scene.field, scene.march.peaks, w, stop, best, place)
+            w, crest = find(scene.field, scene.march.peaks, w, stop, best, place)
             known = crest.t < stop
             L = wp.min(w.t, stop) - crest.t
             if not wp.static(finite):
@@ -89,6 +104,8 @@ def make_probe(halves):
         found.place = place
         found.count += count
         return found
+
+    search = climbed if vectors else sought
 
     @wp.func
     def probe(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, start: wp.float64, stop: wp.float64, given: Found):

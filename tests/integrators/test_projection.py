@@ -1,5 +1,7 @@
 """Projections: against NumPy along the axes, against enclosures on any ray, and what theory says of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -277,3 +279,15 @@ def test_infinite_samples_are_absent_as_nan_is(what):
     for absent in (np.inf, -np.inf):
         other = wvr.Volume(np.where(np.isnan(samples), np.float32(absent), samples), nan="transparent")
         assert np.array_equal(image_of(other, what, camera).values, expected, equal_nan=True)
+
+
+def test_rays_one_by_one_find_what_vectors_do(monkeypatch):
+    camera = wvr.Camera.fit(VOLUMES["holes"], (1, 0.6, 0.4))
+    image = image_of(VOLUMES["holes"], "max", camera, device="cpu")
+    halves = wvr.frame.Frame.halves
+    monkeypatch.setattr(wvr.frame.Frame, "halves", lambda self, *args: replace(halves(self, *args), vectors=False))
+    other = image_of(VOLUMES["holes"], "max", camera, device="cpu")
+    assert np.isfinite(image.values).sum() > 100
+    off = np.abs(image.values - other.values)
+    assert np.all((off <= image.error_bound + other.error_bound) | np.isnan(off))
+    assert np.array_equal(np.isnan(image.values), np.isnan(other.values))
