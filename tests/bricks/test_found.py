@@ -49,7 +49,7 @@ def test_projections_in_bricks_are_the_whole(split, what):
         image = split((6, 6, 6), SPAN, camera, integrator=method)
         assert_same(image, whole)
         assert image.error_bound.max() < 1e-6
-        if camera is CAMERAS["outside"]:
+        if camera is CAMERAS["outside"] and method.seeks:
             np.testing.assert_allclose(image.depth(), whole.depth(), atol=1e-9)
 
 
