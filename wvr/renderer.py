@@ -338,7 +338,8 @@ def render(
         names one, or ``"bound"``: what they may look like is in the ``error_bound``.
     client
         A ``distributed.Client`` (Dask), whose workers read and render the bricks of a volume of :func:`wvr.open`. By
-        default one that is active, as Dask's own computations find it, but under a budget; False is none.
+        default one that is active, as Dask's own computations find it, but under a budget, or for a maximum or minimum;
+        False is none.
     cancel
         A ``threading.Event``. Once another thread sets it, rays under way are finished, on CUDA all that was launched,
         and the render ends with :class:`Cancelled`; nothing is left running. A kernel that is being compiled is

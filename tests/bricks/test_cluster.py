@@ -50,6 +50,22 @@ def test_workers_make_the_same_image(volume, client):
     np.testing.assert_allclose(parts.rgba, exact.rgba, atol=1e-11)
 
 
+@pytest.mark.parametrize(
+    "method", [wvr.Projection("max"), wvr.Projection("mean"), wvr.Isosurface([90.0, 140.0])], ids=repr
+)
+def test_what_rays_find_goes_on_from_worker_to_worker(volume, client, method):
+    """To the last bit what one process finds, from outside and inside."""
+    for camera in (CAMERA, wvr.Camera((18, 21, 12), (30, 28, 30), view_angle=80)):
+        options = {"integrator": method, "lighting": False}
+        alone = wvr.render(volume, TF, camera, SIZE, client=False, **options)
+        image = wvr.render(volume, TF, camera, SIZE, client=client, **options)
+        assert image.stats["workers"] == 2 and image.stats["tasks"] > 4
+        np.testing.assert_array_equal(image.rgba, alone.rgba)
+        if alone.values is not None:
+            np.testing.assert_array_equal(image.values, alone.values)
+        assert np.all(np.abs(image.error_bound - alone.error_bound) <= 1e-9)
+
+
 def test_an_active_client_is_found_as_dask_finds_it(volume, client):
     """Unless it is told not to, or cannot do what is asked for."""
     image = wvr.render(volume, TF, CAMERA, SIZE)
@@ -99,7 +115,11 @@ def test_errors_of_workers_are_told(volume, client, tmp_path):
     assert np.all(np.abs(image.rgba - exact.rgba).max(axis=2) <= image.error_bound)
 
 
-@pytest.mark.parametrize("options", [{"budget": 1.0}, {}], ids=["budget", "in memory"])
+@pytest.mark.parametrize(
+    "options",
+    [{"budget": 1.0}, {}, {"integrator": wvr.Projection("max"), "missing": "bound"}],
+    ids=["budget", "in memory", "missing"],
+)
 def test_what_a_client_cannot_do_is_said(volume, client, options):
     with pytest.raises(ValueError, match="client"):
         wvr.render(volume if options else WHOLE, TF, CAMERA, SIZE, client=client, **options)

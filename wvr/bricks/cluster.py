@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from ..keep import Keeper
 from ..launch import get_device, set_num_threads, waited
 from .brick import Caster
+from .finder import Finder, Findings
 from .grid import Bricks, Index, Rect
 from .partial import Partial
 from .reading import Reading
@@ -83,7 +84,8 @@ class Groups:
             if len(self.members) >= least:
                 break
         waves = Bricks(tuple((*range(0, n, along), n) for n in bricks.counts)).waves(_group(first, along))
-        self.order = [group for wave in waves for group in wave if group in self.members]
+        self.waves = [[group for group in wave if group in self.members] for wave in waves]
+        self.order = [group for wave in self.waves for group in wave]
 
 
 def _group(index: Index, along: int) -> Index:
@@ -91,7 +93,7 @@ def _group(index: Index, along: int) -> Index:
     return i // along, j // along, k // along
 
 
-def render(march: Any, client: Any) -> tuple[Partial, dict[str, Any]]:
+def render(march: Any, client: Any) -> tuple[Any, dict[str, Any]]:
     """The image of a ``Streamed`` that workers render.
 
     Raises
@@ -102,6 +104,8 @@ def render(march: Any, client: Any) -> tuple[Partial, dict[str, Any]]:
     caster = march.caster
     workers = prepared(client)
     groups = Groups(march.bricks, march.order, march.bricks.first(march.volume, caster.camera), workers * EACH)
+    if isinstance(caster, Finder):
+        return _find(march, caster, client, workers, groups)
     single = caster.scene.integrator.shown(caster.scene) == "float32"
     rounding = caster.scene.brightest if single else None
     given = Shared(caster, march.reading.missing, token_of(march.volume), rounding)
@@ -139,6 +143,37 @@ def render(march: Any, client: Any) -> tuple[Partial, dict[str, Any]]:
             raise
     stats = {"workers": workers, "tasks": tasks, "rounds": rounds, **numbers.stats(march)}
     return image, stats
+
+
+def _find(march: Any, caster: Finder, client: Any, workers: int, groups: Groups) -> tuple[Findings, dict[str, Any]]:
+    """What rays find: wave by wave, as what each has found goes on from group to group, and no two groups of a wave are
+    on one ray.
+    """
+    given = Shared(caster, march.reading.missing, token_of(march.volume), None)
+    shared = client.submit(itself, given, pure=False)
+    image = caster.nothing()
+    numbers, tasks, rounds = Counts(), 0, 0
+    for wave in groups.waves:
+        asked = []
+        for group in wave:
+            members = [(index, rect) for index in groups.members[group] if (rect := march.wanted(image, index))]
+            if members:
+                rect = union([rect for _, rect in members])
+                before = caster.state(rect)
+                indices = [index for index, _ in members]
+                asked.append((rect, before, client.submit(group_found, shared, indices, rect, before, pure=False)))
+        tasks, rounds = tasks + len(asked), rounds + bool(asked)
+        try:
+            for rect, before, future in asked:
+                found, counted = waited(future)
+                # Rays of other groups in these pixels may have found something meanwhile.
+                changed = (found != before).any(axis=-1, keepdims=True)
+                caster.resume(rect, np.where(changed, found, caster.state(rect)))
+                numbers.add(counted)
+        except BaseException:
+            client.cancel([future for *_, future in asked])
+            raise
+    return image, {"workers": workers, "tasks": tasks, "rounds": rounds, **numbers.stats(march)}
 
 
 class Counts:
@@ -207,15 +242,31 @@ def group_image(shared: Shared, indices: list[Index], rect: Rect, front: NDArray
     """In a worker: the image of a group of bricks, in order, behind what lets ``front`` through."""
     march, samples = marching(shared)
     image = Partial.nothing(rect, march.caster.bounded)
-    blocks = march.blocks(_memory() // 2)
-    counts = Counts()
-    clear = front.astype(np.float64)
+    counts = _each(march, samples, indices, image, front.astype(np.float64))
+    return image if shared.rounding is None else image.rounded(shared.rounding), counts
+
+
+def group_found(
+    shared: Shared, indices: list[Index], rect: Rect, state: NDArray[np.uint8]
+) -> tuple[NDArray[np.uint8], Counts]:
+    """In a worker: what rays have found after a group of bricks, which go on from a ``state``."""
+    march, samples = marching(shared)
+    march.caster.resume(rect, state)
+    counts = _each(march, samples, indices, march.caster.nothing(), None)
+    return march.caster.state(rect), counts
+
+
+def _each(
+    march: Any, samples: Remembered, indices: list[Index], image: Any, front: NDArray[np.float64] | None
+) -> Counts:
+    """Render bricks, one behind the other."""
+    blocks, counts = march.blocks(_memory() // 2), Counts()
     try:
         for index in indices:
             place = march.caster.footprint(index)
-            if place is None or (needed := march.needed(image, index, place, clear)) == set():
+            if place is None or (needed := march.needed(image, index, place, front)) == set():
                 continue
-            march.cast(blocks, image, index, place, needed, clear)
+            march.cast(blocks, image, index, place, needed, front)
             march.keep.end_of_frame()
     finally:
         blocks.close()
@@ -225,7 +276,7 @@ def group_image(shared: Shared, indices: list[Index], rect: Rect, front: NDArray
         "blocks_read": samples.blocks,
         "bytes_read": samples.bytes,
     }
-    return image if shared.rounding is None else image.rounded(shared.rounding), counts
+    return counts
 
 
 def composed(parts: list[tuple[Partial, Counts]], rounding: float | None) -> tuple[Partial, Counts]:

@@ -70,6 +70,21 @@ class Finder(Caster):
             aim(struct, rect)
             self._launch(make_brick_probing(halves), struct.view, [struct, self.found[rect]])
 
+    def state(self, rect: Rect) -> NDArray[np.uint8]:
+        """What rays of some pixels have found so far, as bytes, (h, w, n)."""
+        return self._bytes(self.found.numpy())[rect].copy()
+
+    def resume(self, rect: Rect, state: NDArray[np.uint8]) -> None:
+        """Have rays of some pixels go on from there."""
+        every = self.found.numpy()
+        self._bytes(every)[rect] = state
+        if not self.keep.device.is_cpu:
+            self.found.assign(every)
+
+    @staticmethod
+    def _bytes(found: NDArray) -> NDArray[np.uint8]:
+        return found.view(np.uint8).reshape(*found.shape, found.dtype.itemsize)
+
     def told(self) -> Probed:
         """What all that was found comes to."""
         width, height = self.size

@@ -55,8 +55,8 @@ def check(scene: Scene, reading: Reading) -> None:
             )
         if given and not scene.volume.stored:
             raise ValueError(f"{name} is for volumes of wvr.open, got one in memory")
-    if reading.client and integrator.probes:
-        raise ValueError(f"client must be left out for {integrator!r}, which is rendered in this process")
+    if reading.client and integrator.probes and reading.missing == "bound":
+        raise ValueError(f'client must be left out for {integrator!r} with missing="bound": use one or the other')
     if reading.client and (limited or not scene.volume.stored):
         what = "a budget" if limited else "a volume in memory: wvr.open takes arrays, too"
         raise ValueError(f"client is for volumes of wvr.open, without a budget, got {what}")
@@ -92,7 +92,8 @@ class BrickedFrame:
         ends: NDArray[np.float64] | None = None,
     ):
         check(scene, reading)
-        if scene.volume.stored and not (reading.budgeted or scene.integrator.probes) and reading.client is None:
+        alone = reading.budgeted or scene.integrator.seeks or (scene.integrator.probes and reading.missing == "bound")
+        if scene.volume.stored and not alone and reading.client is None:
             reading = replace(reading, client=active_client())
         self.given, self.ends = scene, ends
         self.scene = scene.normal
