@@ -60,3 +60,8 @@ def test_something_to_see():
         warnings.simplefilter("error")
         rendered([(0, "red", 0), (255, "red", 0.5)])
         rendered([(150, "red", 0), (199, "red", 0.5), (201, "blue", 0)])
+
+
+def test_isosurfaces_beyond_the_scalars():
+    with pytest.warns(UserWarning, match="from 0 to 200, the isosurfaces are at 201, 1000; give values between those"):
+        wvr.render(VOLUME, size=(8, 8), integrator=wvr.Isosurface([201, 1000]), device="cpu")

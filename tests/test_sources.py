@@ -237,3 +237,9 @@ def test_files_and_datasets_by_name(tmp_path):
     np.save(tmp_path / "a.npy", SAMPLES)
     np.testing.assert_array_equal(as_volume(tmp_path / "a.npy").numpy(), SAMPLES)
     assert as_volume("spheres").shape == (128, 128, 128)
+
+
+def test_a_file_beside_is_what_was_meant(tmp_path):
+    np.save(tmp_path / "bonsai.npy", np.zeros((2, 2, 2)))
+    with pytest.raises(FileNotFoundError, match=r"did you mean 'bonsai\.npy'"):
+        wvr.as_volume(tmp_path / "bonsia.npy")

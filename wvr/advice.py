@@ -38,6 +38,8 @@ def advise(scene: Scene, image: Image) -> None:
             )
         else:
             advice = "raise opacities, or make unit_distance smaller"
+        if misses := scene.integrator.misses(low, high):
+            opaque, advice = misses.split("; ")
         little = "nothing" if most < NOTHING else "nearly nothing"
         _warn(f"{little} is visible (the largest opacity is {most:.2g}): {data}, {opaque}; {advice}")
     elif scene.segmentation is None and not scene.integrator.valued:

@@ -77,7 +77,10 @@ class Camera:
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
         if np.array_equal(self.position, self.target):
-            raise ValueError(f"position must differ from target, got {tuple(self.position.tolist())} for both")
+            raise ValueError(
+                f"position must differ from target, got {tuple(self.position.tolist())} for both"
+                f"; wvr.Camera.fit(volume, direction) looks from a direction"
+            )
         if not np.any(self.up):
             raise ValueError(f"up must not be zero, got {up!r}")
         if np.linalg.norm(np.cross(_unit(self.up), _unit(self.target - self.position))) < 1e-9:

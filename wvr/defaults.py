@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, get_args
@@ -230,9 +231,11 @@ def _check_colors(colors: Any) -> None:
 
     if isinstance(colors, str) and colors not in matplotlib.colormaps:
         known = [*matplotlib.colormaps, *PRESETS, *SUGGESTED]
+        file = "; a file to write is output=" if os.path.splitext(colors)[1] in (".mp4", ".gif", ".png") else ""
         raise ValueError(
             f"transfer_function must be a TransferFunction, control points, a Matplotlib colour map, a list of "
-            f"colours, a .json file or one of {', '.join((*PRESETS, *SUGGESTED))}, got {colors!r}{near(colors, known)}"
+            f"colours, a .json file or one of {', '.join((*PRESETS, *SUGGESTED))}, got {colors!r}{file}"
+            f"{near(colors, known)}"
         )
     if not isinstance(colors, str | list | tuple | np.ndarray | matplotlib.colors.Colormap):
         raise TypeError(

@@ -66,7 +66,9 @@ class Scene:
             optional = optional or (name == "transfer_function" and self.segmentation is not None)
             if not isinstance(value, accepted) and not (optional and value is None):
                 kind = "Volume" if accepted is Field else accepted.__name__
-                more = " or None" if optional else ", such as wvr.Riemann(0.5)" if accepted is Integrator else ""
+                more = " or None" if optional else ""
+                if accepted is Integrator:
+                    more = ", such as wvr.Riemann(0.5) or wvr.Projection('max')"
                 hint = ""
                 if name == "volume":
                     hint = ": volume = wvr.as_volume(data)"

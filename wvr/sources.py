@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import warnings
 from difflib import get_close_matches
@@ -131,7 +132,12 @@ def _named(name: str | os.PathLike[str], scalars: str | None, nan: NanPolicy) ->
         near = get_close_matches(str(name), known, 1)
         hint = f"; did you mean the dataset {near[0]!r}?" if near else ""
         raise FileNotFoundError(f"{str(name)!r} is neither a file or folder nor a dataset of wvr.datasets{hint}")
-    return read(path_of(name, "data"), scalars, nan)
+    path = path_of(name, "data")
+    if not path.exists() and path.parent.is_dir():
+        beside = get_close_matches(path.name, [file.name for file in path.parent.iterdir()], 1)
+        hint = f"; did you mean {beside[0]!r}?" if beside else ""
+        raise FileNotFoundError(errno.ENOENT, f"no such file or folder{hint}", str(path))
+    return read(path, scalars, nan)
 
 
 def _from_array(

@@ -180,7 +180,9 @@ class Statistics:
             both = (a > above) & (b > above) & (a < below) & (b < below)
             differences.append((a - b)[both])
         steps = np.concatenate(differences)
-        return steps.size < 8 or float(np.sqrt(np.mean(steps**2))) < 0.9 * np.sqrt(2) * spread
+        # In parts of the largest: no square is too large.
+        largest = float(np.abs(steps).max(initial=0.0)) or 1.0
+        return steps.size < 8 or largest * float(np.sqrt(np.mean((steps / largest) ** 2))) < 0.9 * np.sqrt(2) * spread
 
 
 def _pairs(n: int) -> tuple[range, range]:

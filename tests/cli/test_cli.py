@@ -529,6 +529,8 @@ def test_nothing_that_was_read_is_written_to(run):
     for output in ("slices/2.tif", "link.tif"):
         code, _, err = run("render", "slices", "-o", output)
         assert code == 2 and "--output must not be the volume itself" in err
+    code, _, err = run("render", "slices", "-o", "slices/new.png")
+    assert code == 2 and "--output must not be among the slices in 'slices'" in err
     np.save("a.npy", array)
     code, _, err = run("render", "a.npy", "--labels", "slices", "-o", "link.tif")
     assert code == 2 and "--output must not be the volume itself or its labels" in err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import warnings
 import zipfile
 import zlib
 
@@ -167,6 +168,17 @@ def test_folders_of_images(tmp_path, ending, dtype):
     Image.fromarray(grey + np.array([0, 1, 2], np.uint8)).save(tmp_path / "colours" / "a.png")
     with pytest.raises(ValueError, match=r"a\.png, an image in colour, has 3 components"):
         read(tmp_path / "colours")
+
+
+def test_a_slice_that_is_missing_is_warned_of(tmp_path):
+    for k in (2, 4, 8, 10):
+        tifffile.imwrite(tmp_path / f"day 3 slice {k}.tif", FIELD[0])
+    with pytest.warns(UserWarning, match="no slice between day 3 slice 4.tif and day 3 slice 8.tif"):
+        read(tmp_path)
+    tifffile.imwrite(tmp_path / "day 3 slice 6.tif", FIELD[0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read(tmp_path)
 
 
 def test_images_of_two_kinds_or_sizes(tmp_path):

@@ -67,7 +67,7 @@ def render(
         volume = streaming.load(source, look.nan, reading) or reading.load(source, look.nan, stage)
         keywords, read = look.of(volume, keywords)
         if not piped:
-            check_kept(output, volume.files + read)
+            check_kept(output, volume.files + read, source)
         lens = Lens(view_angle, parallel, width / height)
         shown = keywords["segmentation"] or framed_by(keywords["integrator"], keywords["transfer_function"])
         seen: Any = getattr(volume, "preview", None) or volume

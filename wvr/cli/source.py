@@ -124,7 +124,12 @@ def _files_beside(source: str) -> list[str]:
         return []
 
 
-def check_kept(output: Path, files: tuple[Path, ...]) -> None:
-    """Nothing that was read is written to."""
+def check_kept(output: Path, files: tuple[Path, ...], source: str = "") -> None:
+    """Nothing that was read is written to, and no image becomes a slice of the folder that is the source."""
+    from ..io.slices import KINDS
+
     if output.exists() and any(file.exists() and output.samefile(file) for file in files):
         raise ValueError(f"--output must not be the volume itself or its labels, which are read from {str(output)!r}")
+    slices = bool(files) and files[0].suffix.lower() in KINDS and output.suffix.lower() in KINDS
+    if slices and Path(source).is_dir() and output.parent.samefile(source):
+        raise ValueError(f"--output must not be among the slices in {source!r}, one of which it would be next time")

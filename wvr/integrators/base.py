@@ -122,6 +122,10 @@ class Integrator(ABC):
         """By what is opaque to a transfer function, what it shows: a camera that is not given frames that."""
         return tf
 
+    def misses(self, low: float, high: float) -> str:
+        """Why it finds nothing among scalars from low to high, and what to do; empty if it may find something."""
+        return ""
+
     def reaching(self, opacity: float) -> Integrator:
         """Another, that finds where rays have an opacity."""
         from .reach import Reach

@@ -121,6 +121,11 @@ class Isosurface(Integrator):
             "shown": scene.brightest * float(np.finfo(self.shown(scene)).eps) / 2,
         }
 
+    def misses(self, low: float, high: float) -> str:
+        if any(low <= level <= high for level in self._levels):
+            return ""
+        return f"the isosurfaces are at {', '.join(f'{level:g}' for level in self._levels)}; give values between those"
+
     def reaching(self, opacity: float) -> Isosurface:
         return replace(self, reached=opacity)
 

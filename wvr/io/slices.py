@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+import warnings
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..samples import Grid, Unsupported, components_error
+from ..validation import outside
 from .bytes import corrupt, empty, opened
 from .tiff import stack
 
@@ -25,6 +28,7 @@ def read_slices(folder: Path) -> Grid:
     kinds = sorted({KINDS[file.suffix.lower()] for file in files})
     if len(kinds) > 1:
         raise Unsupported(f"{folder} holds {' and '.join(kinds)} images; keep one kind")
+    _look_for_gaps(folder, files)
     first, spacing = _slice(files[0])
     array = np.empty((0, 0, 0))
     for place, file in enumerate(files):
@@ -39,6 +43,25 @@ def read_slices(folder: Path) -> Grid:
                 array = empty((len(files), *first.shape[1:]), first.dtype, len(files) * first.nbytes)
         array[place] = pixels[0]
     return Grid(array, np.diag(spacing), np.zeros(3), "", tuple(files))
+
+
+def _look_for_gaps(folder: Path, files: list[Path]) -> None:
+    """Warn where the one number that counts through the names leaves some out."""
+    parts = [_digits(file.name) for file in files]
+    if len({len(part) for part in parts}) > 1:
+        return
+    counting = [of for of in zip(*parts, strict=True) if len(set(of)) > 1]
+    if len(counting) != 1 or not all(part.isdigit() for part in counting[0]):
+        return
+    steps = [int(b) - int(a) for a, b in pairwise(counting[0])]
+    least = min(steps)
+    if least > 0 and max(steps) > least and not any(step % least for step in steps):
+        at = next(n for n, step in enumerate(steps) if step > least)
+        warnings.warn(
+            f"{folder} has no slice between {files[at].name} and {files[at + 1].name}: they are taken as neighbours",
+            UserWarning,
+            stacklevel=outside(),
+        )
 
 
 def _digits(name: str) -> list[str]:
