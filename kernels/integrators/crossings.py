@@ -208,7 +208,8 @@ while (busy) {
         NARROW(3, w * HALF(half));
         NARROW(4, mean - __builtin_convertvector(*(const v8f*)((const float*)c + 8 * b), vd));
         NARROW(5, MAX(HALF(off_knot), ABSD(F[b])) + RIPPLE * (ABSD(m1) + ABSD(m2) + ABSD(m3)));
-        NARROW(6, (1.0 - stop[b]) * HALF(half));
+        // What of a part is behind its last piece.
+        NARROW(6, (MASK(on_last) & (stop[b] == v[b])) ? (1.0 - stop[b]) * HALF(half) : (vd){});
         NARROW(7, 2.0 * w * HALF(half) * (HALF(value) + (mean - HALF(knot)) * HALF(rate)));
         NARROW(8, w * HALF(half) * HALF(rate));
         NARROW(9, mid);
@@ -228,13 +229,15 @@ while (busy) {
     const vf delta = (ABS(off) + R) * (ROUNDED) + rounded;
     const vf over = astray * color[3] + (VALUE) * (ABS(c[2]) + ABS(c[3]) * c[1]);
     const vf d = line < 0.0f ? over + over : over;
-    const vf e = 1.00001f * ((bright + 3.3f * steep * R) * (L * d) + bright * WHOLE(6) * over
-        + thin.A * (bright * (OPACITY_ULPS) + c[6] + steep * delta + astray * color[7])
-        + steep * (MIN(R * thin.rest, closer) + (SERIES_ULPS) * R * (G + a)));
+    const vf linear = bright * (L * d + WHOLE(6) * over)
+        + thin.A * (bright * (OPACITY_ULPS) + c[6] + steep * delta + astray * color[7]);
+    const vf e = 1.00001f * (linear
+        + steep * (3.3f * R * (L * d) + MIN(R * thin.rest, closer) + (SERIES_ULPS) * R * (G + a)));
     *(vf*)most = share * thin.A + absolute * L + (LITTLE) * bright;
     // A width below 0 says that the row holds nothing; and nothing overflows (S9).
     const vi holds = (c[1] >= zero) & (R < WIDEST) & (x < 2.0f * DEEPEST);
-    *(vf*)worst = holds ? e : zero + __builtin_inff();
+    // Nor would a shorter piece do where what it is off by in parts of its length is too much.
+    *(vf*)worst = (holds & (linear <= *(const vf*)most)) ? e : zero + __builtin_inff();
     const vi good = (e <= *(const vf*)most) & (astray <= rows.narrow) & holds;
     // Behind what there is of the part (S15).
     auto add = [&](int i, vf a) {
