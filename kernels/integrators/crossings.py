@@ -67,14 +67,40 @@ float unseen[JOBS];  // bounds on what is not visited
 int number = 0;
 const int n = some[0];
 const double* of = cubic.data;
+// Of those that rise or fall all the way and begin and end in the intervals of their bins, these; else -1.
+alignas(32) int in[2][JOBS];
+for (int j = 0; j < n; j += 8) {
+#define ROW(i) (*(const vd*)(of + i * JOBS + j))
+    const vd m0 = ROW(0), m1 = ROW(1), m2 = ROW(2), m3 = ROW(3), ends[2] = {m0 - m1 + m2 - m3, m0 + m1 + m2 + m3};
+    vq sure = (ABSD(m1) > 2.0 * ABSD(m2) + 3.0 * ABSD(m3)) & (ABSD(m0) + ABSD(m1) + ABSD(m2) + ABSD(m3) < 1e300);
+    v8i k[2];
+    for (int e = 0; e < 2; ++e) {
+        alignas(64) double from[8], to[8];
+        alignas(32) int bin[8], of_bin[8];
+        const vd q = MIN(MAX((ends[e] - low) * scale, (vd){}), (vd){} + (nbins - 1.0));
+        *(v8i*)bin = __builtin_convertvector(q, v8i);
+#pragma clang loop vectorize(disable)
+        for (int l = 0; l < 8; ++l) {
+            const int a = (int)bins[4 * bin[l]];
+            of_bin[l] = a;
+            from[l] = knots[a];
+            to[l] = knots[MIN(a + 1, outer)];
+        }
+        k[e] = *(const v8i*)of_bin;
+        sure &= ((ends[e] >= *(const vd*)from) | __builtin_convertvector(k[e] == 0, vq))
+            & ((ends[e] < *(const vd*)to) | __builtin_convertvector(k[e] == outer, vq));
+    }
+    for (int e = 0; e < 2; ++e) *(v8i*)(in[e] + j) = k[e] | ~__builtin_convertvector(sure, v8i);
+}
 for (int j = 0; j < n; ++j) {
     const double m0 = of[j], m1 = of[JOBS + j], m2 = of[2 * JOBS + j], m3 = of[3 * JOBS + j], half = of[4 * JOBS + j];
     const float blur = (float)of[5 * JOBS + j];
     unseen[j] = 0.0f;
-    if (!(fabs(m0) + fabs(m1) + fabs(m2) + fabs(m3) < 1e300)) continue;
+    const bool simple = in[0][j] >= 0;
+    if (!simple && !(fabs(m0) + fabs(m1) + fabs(m2) + fabs(m3) < 1e300)) continue;
     double turn[3];
     int turns = 0;
-    if (!(fabs(m1) > 2.0 * fabs(m2) + 3.0 * fabs(m3))) {
+    if (!simple && !(fabs(m1) > 2.0 * fabs(m2) + 3.0 * fabs(m3))) {
         const double square = m2 * m2 - 3.0 * m3 * m1;
         if (square > 0.0) {
             const double root = -(m2 + (m2 < 0.0 ? -sqrt(square) : sqrt(square)));
@@ -102,7 +128,8 @@ for (int j = 0; j < n; ++j) {
         p.end = p.m0 + p.m1 + p.m2 + p.m3;
         p.job = j;
         // From the interval before the first with something to see, which it leaves where that begins, to the last.
-        const int a = interval(p.begin), b = interval(p.end), s = p.end > p.begin ? 1 : -1;
+        const int a = simple ? in[0][j] : interval(p.begin), b = simple ? in[1][j] : interval(p.end);
+        const int s = p.end > p.begin ? 1 : -1;
         int first = a, last = b;
         while (s * (b - first) >= 0 && seen[first] != first) first += s;
         // Whether an interval with nothing to see is to be visited: what rounding takes beyond it counts, if it can.

@@ -4,7 +4,8 @@ Rounding comes first: of cuts at control points, of sums, of times along a ray a
 shared out between what may lie behind the end of a ray (a quarter), the pieces of a ray in parts of the opacity that
 they add, which sums to one (a quarter for the series, a quarter for lines drawn too far), and the simpler transfer
 function (a quarter: colour, extinction in parts of itself, extinction times length). A cell in single precision has
-three eighths in parts of its opacity and an eighth in parts of its length in place of both quarters of pieces.
+three eighths in parts of its opacity and an eighth in parts of its length in place of both quarters of pieces, and what
+the simpler transfer function leaves of its own, three quarters of that in parts of its opacity.
 """
 
 from __future__ import annotations
@@ -225,10 +226,13 @@ class Certified(Integrator):
         shares = self.budget(scene)
         points = [keep(self.function(scene, tf))[0] for tf in scene.functions]
         absolute = max(one.absolute for one in points)
+        tinted = max(one.color + shares.brightest * one.relative for one in points)
+        # What a simpler transfer function leaves of its quarter.
+        left = max(shares.rest / 4 - tinted - shares.brightest * absolute * shares.longest, 0.0)
         numbers = {
             "tolerance": shares.piece,
             "brightest": shares.brightest,
-            "tinted": max(one.color + shares.brightest * one.relative for one in points),
+            "tinted": tinted,
             "veiled": shares.rounding + shares.brightest * absolute * shares.longest,
             "sum": SUM * shares.brightest,
             "densest": shares.densest,
@@ -238,8 +242,8 @@ class Certified(Integrator):
             "blur": shares.blur,
             "local": bool(np.ptp(scene.volume.range) > OUTLYING * max(np.ptp(tf.knots) for tf in scene.functions)),
             "nodes": nodes_array("float64", keep.device, NODES),
-            "cell": shares.cell,
-            "along": shares.along,
+            "cell": shares.cell + 3 * left / 4,
+            "along": shares.along + left / 4 / shares.longest,
         }
         if shares.single:
             low, high = np.array(scene.volume.range) - scene.shift
