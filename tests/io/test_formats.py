@@ -394,6 +394,26 @@ def test_dicom_positions_are_three_numbers(tmp_path):
             read(tmp_path / "a.dcm")
 
 
+@pytest.mark.parametrize("dtype", ["uint8", "int16", "float32", "float64"])
+def test_text_may_be_shorter_than_what_it_says(tmp_path, dtype):
+    """A digit and a space are a sample of up to eight bytes; VTK has bytes in text as parts of 255."""
+    pyvista = pytest.importorskip("pyvista")
+    samples = (np.arange(24, dtype=dtype) % 10).reshape(2, 3, 4)
+    grid = pyvista.ImageData(dimensions=(4, 3, 2))
+    grid["s"] = samples.ravel()
+    for suffix in ("vtk", "vti"):
+        grid.save(tmp_path / f"a.{suffix}", binary=False)
+    text = " ".join(map(str, samples.astype(int).ravel()))
+    kind = {"uint8": "uchar", "int16": "short", "float32": "float", "float64": "double"}[dtype]
+    head = f"NRRD0004\ntype: {kind}\ndimension: 3\nsizes: 4 3 2\nencoding: ascii\n\n"
+    (tmp_path / "a.nrrd").write_text(head + text)
+    head = f"ObjectType = Image\nNDims = 3\nDimSize = 4 3 2\nElementType = MET_{kind.upper()}\nBinaryData = False\n"
+    (tmp_path / "a.mha").write_text(f"{head}ElementDataFile = LOCAL\n{text}")
+    for name in ("a.vtk", "a.vti", "a.nrrd", "a.mha"):
+        array = read(tmp_path / name).numpy()
+        assert array.dtype == dtype and np.array_equal(array, samples), name
+
+
 TEXT = " ".join(map(str, FIELD.ravel())).encode()
 
 

@@ -117,7 +117,7 @@ def _next(file: BinaryIO, array: Declared, sizes: dict[str, list[int]], binary: 
 def _samples(file: BinaryIO, array: Declared, shape: list[int], binary: bool) -> NDArray:
     held = os.fstat(file.fileno()).st_size - file.tell()
     if not binary:
-        return _from_text(file, empty(shape, array.dtype, held))
+        return _from_text(file, empty(shape, array.dtype, held, "text"))
     if array.packing == "rle" and array.dtype.itemsize > 1:
         raise Unsupported(f"its array {array.name!r} has {array.dtype} packed by runs of bytes: save it as binary")
     samples = empty(shape, array.dtype, array.length if array.packing else held, array.packing or "raw")

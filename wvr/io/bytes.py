@@ -30,6 +30,7 @@ LONGEST_HEADER = 1 << 24
 # How many bytes become of one at most; a stream of bzip2 that says "the same again" is that dense.
 DENSEST = {
     "raw": 1,
+    "text": 4,  # a digit and what ends it are a number of eight bytes
     "rle": 64,
     "lz4": 256,
     "gzip": 1040,
@@ -183,7 +184,7 @@ def samples(
     """
     held = os.fstat(file.fileno()).st_size - file.tell()
     if packing == "text":
-        return _from_text(file, empty(shape, dtype, held))
+        return _from_text(file, empty(shape, dtype, held, packing))
     array = empty(shape, dtype, max(held - skip, 0) if packing == "raw" else held, packing)
     if tail:
         skip = max(held - array.nbytes, 0)

@@ -129,14 +129,15 @@ class Parser:
         elif keyword == "TEXTURE_COORDINATES" and len(words) > 3:
             self._keep(words[1], self._integer(words, 2), self._count(), words[3])
         elif keyword == "COLOR_SCALARS" and len(words) > 2:
-            kind = "unsigned_char" if self.binary else "float"
-            self._keep(words[1], self._integer(words, 2), self._count(), kind)
+            self._keep(words[1], self._integer(words, 2), self._count(), "unsigned_char", shares=not self.binary)
         elif keyword == "LOOKUP_TABLE" and len(words) > 2:
             self._skip(4 * self._integer(words, 2), np.dtype("u1" if self.binary else "f4"))
         else:
             raise Flaw(f"{' '.join(words)[:80]!r} is not known")
 
-    def _keep(self, name: str, components: int, count: int, kind: str, scalars: bool = False) -> None:
+    def _keep(
+        self, name: str, components: int, count: int, kind: str, scalars: bool = False, shares: bool = False
+    ) -> None:
         if kind.lower() not in TYPES:
             raise Unsupported(f"its array {name!r} is of {kind!r}; {', '.join(TYPES)} are supported")
         if components < 1 or count < 0:
@@ -147,7 +148,7 @@ class Parser:
         if self.on_cells is None or count != self._count():
             return  # no samples
         name = unquote(name)
-        self.arrays[self.on_cells][name] = Array(components, self._loader(start, dtype))
+        self.arrays[self.on_cells][name] = Array(components, self._loader(start, dtype, shares))
         if scalars:
             self.active.setdefault(self.on_cells, name)
 
@@ -165,18 +166,25 @@ class Parser:
                 raise Flaw(f"{count} numbers are missing")
             count -= len(words)
 
-    def _loader(self, start: int, dtype: np.dtype) -> Callable[[], NDArray]:
+    def _loader(self, start: int, dtype: np.dtype, shares: bool) -> Callable[[], NDArray]:
+        """Reads an array of samples; ``shares`` are bytes that are written as parts of 255."""
         shape = (cells(self.points) if self.on_cells else self.points)[::-1]
 
         def load() -> NDArray:
             self.file.seek(start)
-            array = empty(shape, dtype.newbyteorder(">") if self.binary else dtype, self.size - start)
+            held = self.size - start
             if self.binary:
+                array = empty(shape, dtype.newbyteorder(">"), held)
                 fill(array, self.file)
                 return array
+            array = empty(shape, dtype, held, "text")
             flat, done = array.reshape(-1), 0
             while done < len(flat):
-                values = numbers([word.encode() for word in self.words()], dtype)
+                values = numbers([word.encode() for word in self.words()], np.dtype(np.float64) if shares else dtype)
+                if shares:
+                    if not np.all((values >= 0) & (values <= 1)):
+                        raise Flaw("its COLOR_SCALARS must be numbers from 0 to 1")
+                    values = np.rint(255 * values)
                 flat[done : done + len(values)] = values
                 done += len(values)
             return array
