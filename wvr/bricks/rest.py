@@ -55,6 +55,12 @@ class Rest:
         spread = np.subtract(march.limits[..., 1], march.limits[..., 0])
         return sorted(march.order, key=lambda index: -spread[index[::-1]])
 
+    @property
+    def partly(self) -> bool:
+        """Whether something may be cut away or absent, nobody knows where."""
+        scene = self.caster.scene
+        return bool(scene.clips) or scene.segmentation is not None or not scene.volume.half.finite
+
     def settle(self, numbers: NDArray[np.int32], found: wp.array) -> None:
         """Have what rays found, and ``half`` of how far it may be off, with bricks of those numbers not read."""
         march, scene, view = self.march, self.caster.scene, self.caster.view
@@ -66,7 +72,7 @@ class Rest:
         if not scene.integrator.surfaces:
             sums = Sums()
             sums.mean, sums.unit = scene.integrator.what == "mean", scene.unit  # type: ignore[attr-defined]
-            sums.partly = bool(scene.clips) or scene.segmentation is not None or not scene.volume.half.finite
+            sums.partly = self.partly
             kernel, inputs = settle_for_sums, [view, struct, sums, found, self.half]
         launch_pixels(kernel, inputs, march.keep.device, view)
         wp.synchronize_device(march.keep.device)
