@@ -11,6 +11,7 @@ import warp as wp
 
 from .bricks.brick import Brick, clearing, has, on_grain, owned
 from .cuts.stretches import make_stretches
+from .field.absent import make_grazed
 from .precision import vec4_of
 from .ray import FAR, LEAVE, TILE, View, ending, entry, inside, inverted, line, pixel, place
 from .rays import reaches
@@ -41,14 +42,27 @@ def reach(view: View, x: int, y: int):
 
 @cache
 def make_bound(halves):
-    """``around(scene, x, y, hit, loose)`` -> what to add to a bound on what is along the ray of a pixel, so that it
-    holds for all of it, and the largest bound that there need be.
+    """``around(scene, x, y, point, along, start, stop, loose)`` -> what to add to a bound on what is along the ray of a
+    pixel from start to stop, so that it holds for all of it, and the largest bound that there need be.
     """
     Scene = halves.Scene
     edge = halves.march.edge(halves)
+    limits = halves.march.limits(halves)
+    holes = not halves.field.finite
+    grazed = make_grazed(halves) if holes else None
 
     @wp.func
-    def around(scene: Scene, x: int, y: int, hit: bool, loose: wp.float64):
+    def around(
+        scene: Scene,
+        x: int,
+        y: int,
+        point: wp.vec3d,
+        along: wp.vec3d,
+        start: wp.float64,
+        stop: wp.float64,
+        loose: wp.float64,
+    ):
+        hit = stop > start
         off = wp.float64(0.0)
         cap = FAR
         if loose > wp.float64(0.0):
@@ -58,9 +72,14 @@ def make_bound(halves):
         if wp.static(halves.brick):
             edges = scene.brick.edges
         if edges:
-            anchor, along, begin = line(scene.view, x, y)
-            more, cap = edge(scene, anchor, inverted(along), begin, hit)
+            anchor, way, begin = line(scene.view, x, y)
+            more, cap = edge(scene, anchor, inverted(way), begin, hit)
             off += more
+        if wp.static(holes):
+            most, _, _ = limits(scene)
+            if hit and most > wp.float64(0.0):
+                little = scene.march.tolerance / (wp.float64(1024.0) * most)
+                off += most * grazed(scene, point, along, start, stop, little)
         return off, cap
 
     return around
@@ -180,12 +199,12 @@ def make_raycast(halves):
                     ray, count, bound = march(scene, point, along, first, last)
                 if wp.static(bounded):
                     bound = leave(scene, ray, bound, last - first)
-            else:
-                stop = start
+            start = first
+            stop = last
         elif stop > start:
             ray, count, bound = march(scene, point, along, start, stop)
         if wp.static(bounded):
-            off, cap = around(scene, column, row, stop > start, loose)
+            off, cap = around(scene, column, row, point, along, start, stop, loose)
             total = wp.min(bound + off, cap)
             if wp.static(leaves):
                 total = wp.where(bound >= LEAVE, wp.float64(wp.inf), total)
@@ -244,9 +263,19 @@ def make_raycasts(halves):
                 if wp.static(halves.brick):
                     brick = scene.brick
                     most = wp.where(brick.edges, most, wp.float64(0.0))
+                if not wp.static(halves.field.finite):
+                    # That is for one after the other.
+                    most = wp.float64(0.0)
                 reaches(scene.view, brick, x + column, y + row, wp.vec3d(clear, most, little), lines, offs)
             for r in range(last):
                 going[r] = 1
+                if not wp.static(halves.field.finite):
+                    point = wp.vec3d(lines[r, 0], lines[r, 1], lines[r, 2])
+                    along = wp.vec3d(lines[r, 3], lines[r, 4], lines[r, 5])
+                    start = lines[r, 6]
+                    stop = lines[r, 7]
+                    off, most = around(scene, x + r + column, y + row, point, along, start, stop, wp.float64(0.0))
+                    offs[r] = off
                 if wp.static(halves.brick):
                     hit = lines[r, 7] > lines[r, 6]
                     if hit:
@@ -282,7 +311,7 @@ def make_raycasts(halves):
                         lines[r, 3 + a] = along[a]
                     lines[r, 6] = start
                     lines[r, 7] = stop
-                    off, most = around(scene, x + column, y + row, stop > start, loose)
+                    off, most = around(scene, x + column, y + row, point, along, start, stop, loose)
                     offs[r] = off
                     cap = most
         some = bool(False)

@@ -84,7 +84,8 @@ def settle_for_sums(
             low = wp.min(low, f.value / f.length)
             high = wp.max(high, f.value / f.length)
             off = wp.float64(0.5) * (high - low)
-        f.length += rest.length
+        # A length that is found is what it is known to be: the rest may not be there.
+        f.length = wp.where(f.length > ZERO, f.length, rest.length)
         f.value = f.length * (low + wp.float64(0.5) * (high - low))
     else:
         if sums.partly:

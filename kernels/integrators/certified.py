@@ -14,9 +14,10 @@ from functools import cache
 
 import warp as wp
 
+from ..field.absent import parallel
 from ..field.walk import PACKET, lanes, make_gather, make_walk
 from ..light.points import make_shading
-from ..ray import FAR, inside
+from ..ray import FAR, inside, inverted
 from ..transfer.function import make_transfer
 from ..transfer.rows import Rows
 from .cubics import from_start, make_cubics
@@ -116,6 +117,7 @@ def make_edge(halves):
     """
     Scene = halves.Scene
     limits = make_limits(halves)
+    finite = halves.field.finite
     zero = wp.float64(0.0)
 
     @wp.func
@@ -138,11 +140,18 @@ def make_edge(halves):
         closer_low = low
         closer_high = high
         thin = bool(False)
+        holes = wp.vec3i()
+        if not wp.static(finite):
+            # What there is to see may end at absent cells.
+            d = inverted(inverse)
+            for a in range(3):
+                across = not parallel(wp.abs(d[a]), wp.length(d), wp.length(view.high - view.low), view.astray)
+                holes[a] = wp.where(across, 1, 0)
         for a in range(3):
-            if low[a] <= view.low[a]:
+            if low[a] <= view.low[a] or holes[a] != 0:
                 low[a] -= e
                 closer_low[a] += e
-            if high[a] >= view.high[a]:
+            if high[a] >= view.high[a] or holes[a] != 0:
                 high[a] += e
                 closer_high[a] -= e
             # Nothing is inside; as where there is nothing to see.

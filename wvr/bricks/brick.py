@@ -191,11 +191,11 @@ class Caster:
             here.through[gone] = 0.0
 
     def _edges(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
-        """Whether rays may begin or end within a box, or so near that being astray counts."""
+        """Whether rays may begin or end within a box, or so near that being astray counts; at absent cells, too."""
         field = self.scene.volume
         first, last = field.index_box
         near = 1.0 + 2 * self.view.astray
-        if np.any(low <= first) or np.any(high >= last):
+        if np.any(low <= first) or np.any(high >= last) or not field.half.finite:
             return True
         return not self.camera.parallel and bool(np.all((self.eye >= low - near) & (self.eye <= high + near)))
 

@@ -193,7 +193,7 @@ class Certified(Integrator):
         single = self._single(scene)
         # What times in ticks come to (docs/proof-single.md, S12).
         ticked = 36 * max(entire.shape) ** 2 * longest * 2.0**-52 * densest * brightest
-        if not sharp:
+        if not sharp and scene.volume.half.finite:
             ticked = min(ticked, 2 * max(entire.shape) ** 2 * longest * 2.0**-52 * self.tolerance)
         ticks = single and ticked <= LITTLE * self.tolerance
         gentle, slopes = (0.0, 0.0) if sharp else (gentle, slopes)
@@ -288,7 +288,7 @@ class Certified(Integrator):
             warnings.warn(
                 f"{over} of {frame.error_bound.size} rays are bounded by more than the tolerance {self.tolerance:g}, "
                 f"at most by {at_most(float(frame.error_bound.max()))}: along jumps or very steep slopes of the "
-                "transfer function, surfaces of clips and boundaries of labels rounding alone may do that; "
+                "transfer function, and faces of the box, absent cells, clips and labels, rounding alone may do that; "
                 "image.error_bound says where",
                 RuntimeWarning,
                 stacklevel=6,

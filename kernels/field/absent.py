@@ -1,0 +1,95 @@
+"""Rays that cross the face of an absent cell: where they do is known to rounding of their place over how steeply they
+cross, so that nearly along it a length of them may be on either side (docs/proof.md, lemma 15).
+"""
+
+from functools import cache
+
+import warp as wp
+
+ZERO = wp.constant(wp.float64(0.0))
+
+
+@wp.func
+def parallel(across: wp.float64, size: wp.float64, extent: wp.float64, astray: wp.float64):
+    """Whether a ray, ``across`` of whose direction of this ``size`` is along an axis, runs along faces all the way:
+    where it is in one nobody says on which side.
+    """
+    return across * extent <= wp.float64(2.0) * astray * size
+
+
+@cache
+def make_grazed(halves):
+    """``grazed(scene, p, d, start, stop, little)`` -> how long a ray from p along d may be on another side of faces
+    between absent cells and others. What is not more than ``little`` is counted as if all faces were such.
+    """
+    Scene = halves.Scene
+    cubic = halves.field.cubic()
+
+    @wp.func
+    def absent(scene: Scene, cell: wp.vec3i):
+        # Its last coefficient has all corners.
+        way = wp.vec3d(wp.float64(0.5), wp.float64(0.25), wp.float64(0.125))
+        return not wp.isfinite(cubic(scene.field, cell[0], cell[1], cell[2], way, way)[3])
+
+    @wp.func
+    def beside(scene: Scene, a: int, k: int, p: wp.vec3d, d: wp.vec3d, start: wp.float64, stop: wp.float64):
+        """How much of a stretch is where one of the cells on both sides of face k along axis a is absent."""
+        last = scene.field.last
+        total = wp.float64(0.0)
+        t = wp.float64(start)
+        while t < stop:
+            cell = wp.vec3i()
+            next = wp.float64(stop)
+            for b in range(3):
+                if b != a:
+                    at = int(wp.clamp(wp.floor(p[b] + t * d[b]), ZERO, wp.float64(last[b])))
+                    for _ in range(2):
+                        # Where it is in a face to rounding, the cell behind that.
+                        face = (wp.float64(wp.where(d[b] > ZERO, at + 1, at)) - p[b]) / d[b]
+                        if face > t:
+                            next = wp.min(next, face)
+                        elif face <= t:
+                            at = wp.clamp(at + wp.where(d[b] > ZERO, 1, -1), 0, last[b])
+                    cell[b] = at
+            cell[a] = k - 1
+            below = absent(scene, cell)
+            cell[a] = k
+            if absent(scene, cell) != below:
+                total += next - t
+            t = next
+        return total
+
+    @wp.func
+    def grazed(scene: Scene, p: wp.vec3d, d: wp.vec3d, start: wp.float64, stop: wp.float64, little: wp.float64):
+        astray = scene.view.astray
+        last = scene.field.last
+        extent = wp.length(scene.view.high - scene.view.low)
+        wide = wp.vec3d()
+        for a in range(3):
+            across = wp.abs(d[a])
+            if last[a] > 0 and not parallel(across, wp.length(d), extent, astray):
+                wide[a] = wp.float64(2.0) * astray / across
+        total = wp.float64(0.0)
+        for a in range(3):
+            every = wp.float64(2.0) * (wide[a] + wp.float64(2.0) * astray * (stop - start))
+            if wide[a] == ZERO or every <= little:
+                total += wp.where(wide[a] > ZERO, every, ZERO)
+            else:
+                # Nearly along an edge nothing is looked at.
+                other = wp.max(wide[(a + 1) % 3], wide[(a + 2) % 3])
+                from_ = p[a] + start * d[a]
+                to = p[a] + stop * d[a]
+                first = wp.max(int(wp.ceil(wp.min(from_, to) - wp.float64(2.0) * astray)), 1)
+                beyond = wp.min(int(wp.floor(wp.max(from_, to) + wp.float64(2.0) * astray)), last[a]) + 1
+                for k in range(first, beyond):
+                    middle = (wp.float64(k) - p[a]) / d[a]
+                    begin = wp.max(start, middle - wide[a])
+                    end = wp.min(stop, middle + wide[a])
+                    if end > begin:
+                        length = end - begin
+                        if other <= little:
+                            length = beside(scene, a, k, p, d, begin, end)
+                        total += length
+        return total
+
+    return grazed

@@ -1,0 +1,63 @@
+"""Faces of absent cells that rays cross nearly along them: what rounding decides on is in the bound (lemma 15)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import wvr
+from wvr.bricks.frame import BrickedFrame
+from wvr.bricks.grid import Bricks
+
+TF = wvr.TransferFunction([(0, (1, 1, 1), 0.1), (1, (1, 1, 1), 0.3)])
+TOLERANCE = 1e-5
+SIZE = (13, 13)
+
+
+def half_absent(axis):
+    data = np.random.default_rng(1).uniform(0.2, 0.9, (12, 12, 12)).astype(np.float32)
+    np.moveaxis(data, 2 - axis, 2)[:, :, :5] = np.nan
+    return wvr.Volume(data, nan="transparent")
+
+
+def along_the_face(axis, slope):
+    """Parallel rays nearly along y that cross the face x = 5 at y = 5.5; axes in turn."""
+    turn = [(axis + n) % 3 for n in range(3)]
+    position, way, up = np.zeros(3), np.zeros(3), np.zeros(3)
+    position[turn], way[turn], up[turn] = (5 - 25.5 * slope, -20, 5.5), (slope, 1, 0), (0, 0, 1)
+    return wvr.Camera(position, position + 25 * way, up=up, parallel_scale=6)
+
+
+@pytest.mark.parametrize("limit", [None, "1 MiB"], ids=["whole", "bricks"])
+@pytest.mark.parametrize("axis", range(3))
+def test_bounds_hold_nearly_along_a_face(axis, limit, monkeypatch):
+    monkeypatch.setattr(BrickedFrame, "bricks", lambda self: Bricks.regular(self.scene.volume.dimensions, (3, 3, 3)))
+    volume = half_absent(axis)
+    for slope in (1e-6, 1e-9, 1e-11, 1e-12):
+        camera = along_the_face(axis, slope)
+        image = wvr.render(volume, TF, camera, SIZE, tolerance=TOLERANCE, lighting=False, memory_limit=limit)
+        column = [(6, y) for y in (2, 5, 9)] if axis == 0 else [(x, 6) for x in (2, 5, 9)]
+        for x, y in (*column, (6, 6)):
+            truth = wvr.enclose(volume, TF, camera, x, y, size=SIZE)
+            off = np.maximum(truth.lower - image.rgba[y, x], image.rgba[y, x] - truth.upper).max()
+            assert off <= image.error_bound[y, x], (slope, x, y, off, image.error_bound[y, x])
+        assert (image.error_bound.max() > TOLERANCE) == (slope < 1e-8)
+        # Others are none the worse.
+        assert np.median(image.error_bound) <= TOLERANCE
+
+
+def test_rays_along_axes_are_within_the_tolerance():
+    """In faces, which are one side's by definition, and in cells."""
+    volume = half_absent(0)
+    for up in ((0, 0, 1), (0, 1e-17, 1)):
+        camera = wvr.Camera((5, -20, 5), (5, 0, 5), up=up, parallel_scale=6)
+        image = wvr.render(volume, TF, camera, SIZE, tolerance=TOLERANCE, lighting=False)
+        assert image.error_bound.max() <= TOLERANCE and image.rgba.any()
+
+
+def test_holes_everywhere_cost_no_more_than_rounding():
+    data = np.random.default_rng(2).uniform(0.2, 0.9, (20, 20, 20)).astype(np.float32)
+    data[np.random.default_rng(3).random(data.shape) < 0.1] = np.nan
+    volume = wvr.Volume(data, (1, 1.5, 0.7), nan="transparent")
+    image = wvr.render(volume, TF, wvr.Camera.fit(volume, (1, 0.7, 0.4)), SIZE, tolerance=1e-6, lighting=False)
+    assert image.error_bound.max() <= 1e-6
