@@ -28,7 +28,9 @@ class Picked(NamedTuple):
 def pick(volume: Any, presentation: Presentation, x: float, y: float) -> Picked | None:
     """The point of a ray where its opacity reaches half of what it comes to.
 
-    Sampled twice a voxel: to know where one points, not to measure.
+    Sampled twice a voxel: to know where one points, not to measure. ``image.pick`` is exact, but is of an
+    image that was finished, has a kernel to compile when it is first asked, and builds parts of its own for each
+    transfer function: a pointer waits for none of that.
 
     Parameters
     ----------
