@@ -43,7 +43,8 @@ def make_grazed(halves):
             for b in range(3):
                 if b != a:
                     at = int(wp.clamp(wp.floor(p[b] + t * d[b]), ZERO, wp.float64(last[b])))
-                    for _ in range(2):
+                    # Along an axis that it does not move along it stays in its cell.
+                    for _ in range(wp.where(d[b] != ZERO, 2, 0)):
                         # Where it is in a face to rounding, the cell behind that.
                         face = (wp.float64(wp.where(d[b] > ZERO, at + 1, at)) - p[b]) / d[b]
                         if face > t:

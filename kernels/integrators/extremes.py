@@ -115,7 +115,11 @@ def make_probe(halves):
         begin = w
         until = start
         known = bool(False)
-        if found.hint >= start and found.hint <= end:
+        beside = found.hint >= start and found.hint <= end
+        if not wp.static(finite):
+            # Of a cell that the ray runs in, not of one that it touches where it begins.
+            beside = found.hint > start and found.hint < end
+        if beside:
             # Much the same as what there is beside.
             s = sign * value(scene.field, origin + found.hint * direction)
             if s > found.value and (wp.static(finite) or wp.isfinite(s)):

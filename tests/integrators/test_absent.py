@@ -15,8 +15,9 @@ SIZE = (13, 13)
 
 
 def half_absent(axis):
+    """Below 5 along an axis, from 6 on along the one before."""
     data = np.random.default_rng(1).uniform(0.2, 0.9, (12, 12, 12)).astype(np.float32)
-    np.moveaxis(data, 2 - axis, 2)[:, :, :5] = np.nan
+    np.moveaxis(data, (2 - axis, (3 - axis) % 3), (2, 0))[6:, :, :5] = np.nan
     return wvr.Volume(data, nan="transparent")
 
 

@@ -292,3 +292,14 @@ def test_rays_one_by_one_find_what_vectors_do(monkeypatch):
     off = np.abs(image.values - other.values)
     assert np.all((off <= image.error_bound + other.error_bound) | np.isnan(off))
     assert np.array_equal(np.isnan(image.values), np.isnan(other.values))
+
+
+def test_a_camera_at_the_face_of_absent_cells_sees_nothing_in_them():
+    """Though rays beside, and the sample that it is at, have a value there."""
+    z, y, x = np.indices((9, 9, 9))
+    samples = (5 + abs(x - 4) + abs(y - 4) + abs(z - 4)).astype(np.float32)
+    samples[:, :, :4] = np.nan
+    camera = wvr.Camera((4, 4, 4), (4, 0, 4), (0, 0, 1), view_angle=60)  # right is towards smaller x
+    volume = wvr.Volume(samples, nan="transparent")
+    image = wvr.render(volume, SPAN, camera, (12, 5), integrator=wvr.Projection("min"))
+    assert np.all(image.values[:, :6] == 5) and np.isnan(image.values[:, 6:]).all()
