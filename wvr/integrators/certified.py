@@ -138,14 +138,14 @@ class Certified(Integrator):
     -----
     ``image.error_bound`` is the bound that each ray came to: what was left out behind the end of the ray, the simpler
     transfer function, the series, and rounding. It is at most the tolerance but for rays along which the scalar is that
-    of a jump, or in the surface of a clip or boundary of labels, so that rounding alone says on which side they are;
-    ``image.stats["rays_over_tolerance"]`` counts them. Sums are float64 whatever the image's precision. Of float32
-    images most cells are computed in single precision on a CPU, where a bound that counts all rounding allows it;
-    float64 images have none of that; ``image.stats["walk"]`` says which it was. ``image.samples`` counts cells and
-    pieces of cells. ``termination``, where it is given, ends rays at that transparency instead, and the bound says what
-    that costs. A tolerance of less than 2.2 times what rounding comes to in any scene is refused, for a float32 or a
-    float64 image; with ``precision="auto"`` the image is float64 where rounding to float32 would take more than an
-    eighth of the tolerance.
+    of a jump, or in a face of the volume, the surface of a clip or a boundary of labels, so that rounding alone says on
+    which side they are; ``image.stats["rays_over_tolerance"]`` counts them. Sums are float64 whatever the image's
+    precision. Of float32 images most cells are computed in single precision on a CPU, where a bound that counts all
+    rounding allows it; float64 images have none of that; ``image.stats["walk"]`` says which it was. ``image.samples``
+    counts cells and pieces of cells. ``termination``, where it is given, ends rays at that transparency instead, and
+    the bound says what that costs. A tolerance of less than 2.2 times what rounding comes to in any scene is refused,
+    for a float32 or a float64 image; with ``precision="auto"`` the image is float64 where rounding to float32 would
+    take more than an eighth of the tolerance.
     """
 
     tolerance: float
