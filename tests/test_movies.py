@@ -1,5 +1,7 @@
 """Movies have the frames that were asked for, whole or not at all; an orbit keeps everything in the frame."""
 
+import warnings
+
 import numpy as np
 import pytest
 from PIL import Image as PillowImage
@@ -156,6 +158,16 @@ def test_a_time_series_may_begin_with_nothing():
     assert not first.rgba.any() and second.rgba[..., 3].max() > 0.1
     with pytest.raises(ValueError, match=r"all are 0; give .* clim=\(low, high\)"):
         wvr.time_series(moments, "viridis", **FAST)
+
+
+def test_a_series_that_grows_beyond_its_colours_is_warned_of():
+    moments = np.zeros((3, 8, 8, 8), np.uint8)
+    moments[:, 2:6, 2:6, 2:5] = np.array([40, 45, 200])[:, None, None, None]
+    with pytest.warns(UserWarning, match="volume 2 of the series go from 0 to 200, colours from 0 to 40 .* give clim="):
+        list(wvr.time_series(moments, "viridis", **FAST))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        list(wvr.time_series(moments, "viridis", clim=(0, 200), **FAST))
 
 
 @pytest.mark.parametrize(

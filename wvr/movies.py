@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import stat
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
@@ -22,7 +23,7 @@ from .image import Image
 from .keywords import MovieOptions, refuse
 from .renderer import Renderer
 from .sources import as_volume
-from .validation import any_array, integer, path_of, positive, within
+from .validation import any_array, integer, outside, path_of, positive, within
 from .views import View, suggested_view
 from .volume import Volume
 
@@ -220,16 +221,37 @@ def time_series(
         **rest,
     )
 
+    # Colours that are of the first volume are hardly meant for scalars far beyond its own.
+    tf = look.transfer_function
+    named = (transfer_function is None or isinstance(transfer_function, str)) and call.clim is None
+    warned = tf is None or not named or tf.knots[0] < first.range[0] or tf.knots[-1] > first.range[1]
+
     def images() -> Iterator[Image]:
-        for volume in chain([first], moments):
+        nonlocal warned
+        for number, volume in enumerate(chain([first], moments)):
             if volume.shape != first.shape:
                 raise ValueError(f"volumes of a time series must have one shape, got {first.shape} and {volume.shape}")
+            if not warned and _beyond(volume, first):
+                warned = True
+                warnings.warn(
+                    f"the scalars of volume {number} of the series go from {volume.range[0]:g} to {volume.range[1]:g}, "
+                    f"colours from {first.range[0]:g} to {first.range[1]:g} as the first volume's do: give clim="
+                    f"(low, high) of all",
+                    UserWarning,
+                    stacklevel=outside(),
+                )
             renderer.volume = volume
             yield renderer.render(look.camera, size)
 
     if output is None:
         return images()
     return save_movie(images(), output, fps, count)
+
+
+def _beyond(volume: Volume, first: Volume) -> bool:
+    """Whether scalars go on for a quarter of the range of the first volume's or more where those end."""
+    low, high = first.range
+    return max(low - volume.range[0], volume.range[1] - high) >= (high - low) / 4
 
 
 def _moments(data: Any) -> tuple[Iterator[Volume], int | None]:
