@@ -33,3 +33,11 @@ auto bits = [](vi a) -> unsigned {
 def apart(text):
     """A text as a function of its own, once, wherever what has it is called: it is compiled once."""
     return f"{VECTORS}\nauto apart = [&]() __attribute__((noinline)) {{\n{text}\n}};\napart();\n"
+
+
+def wide(text, lanes):
+    """A text of vectors of as many ``LANES``, 8 or 16, that says ``FLOATS`` and ``INTS``."""
+    kinds = {8: ("v8f", "v8i"), 16: ("vf", "vi")}[lanes]
+    for name, what in zip(("FLOATS", "INTS", "LANES"), (*kinds, str(lanes)), strict=True):
+        text = text.replace(name, what)
+    return text

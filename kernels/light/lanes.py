@@ -10,8 +10,9 @@ import warp as wp
 from ..field.grid import Grid
 from ..field.samples import make_samples
 from ..field.scalars import scalars_of
+from ..field.strides import FULL
 from ..transfer.lookup import make_table
-from ..vectors import VECTORS
+from ..vectors import VECTORS, wide
 
 LANES = wp.constant(8)
 # Parts of a ray that are measured at a time, between eight places.
@@ -23,45 +24,46 @@ ENTRIES = """
 typedef float entry __attribute__((vector_size(16), aligned(4)));
 const entry* __restrict entries = (const entry*)table.rgba.data;
 const int64_t n = table.rgba.shape[1];
-auto at = [&](v8f s, v8i& i) -> v8f {
-    const v8f u = MIN(MAX((s - table.low) * table.scale, none), none + (float)(n - 1));
-    i = MAX(MIN(__builtin_convertvector(u, v8i), first + (int)(n - 2)), first);
-    return u - __builtin_convertvector(i, v8f);
+auto at = [&](FLOATS s, INTS& i) -> FLOATS {
+    const FLOATS u = LESS(MORE((s - table.low) * table.scale, none), none + (float)(n - 1));
+    i = MORE(LESS(__builtin_convertvector(u, INTS), first + (int)(n - 2)), first);
+    return u - __builtin_convertvector(i, FLOATS);
 };
 // Extinction between scalars.
-auto extinctions = [&](v8f front, v8f back) -> v8f {
-    v8i i, j;
-    const v8f x = at(front, i), y = at(back, j);
-    alignas(32) float e[4][8];
-    for (int l = 0; l < 8; ++l) {
+auto extinctions = [&](FLOATS front, FLOATS back) -> FLOATS {
+    INTS i, j;
+    const FLOATS x = at(front, i), y = at(back, j);
+    alignas(64) float e[4][LANES];
+    for (int l = 0; l < LANES; ++l) {
         const entry* p = entries + i[l] * n + j[l];
         e[0][l] = p[0][3];
         e[1][l] = p[1][3];
         e[2][l] = p[n][3];
         e[3][l] = p[n + 1][3];
     }
-#define ENTRY(m) (*(const v8f*)e[m])
-    const v8f e0 = ENTRY(0) + y * (ENTRY(1) - ENTRY(0)), e1 = ENTRY(2) + y * (ENTRY(3) - ENTRY(2));
-    return MAX(e0 + x * (e1 - e0), none);
+#define ENTRY(m) (*(const FLOATS*)e[m])
+    const FLOATS e0 = ENTRY(0) + y * (ENTRY(1) - ENTRY(0)), e1 = ENTRY(2) + y * (ENTRY(3) - ENTRY(2));
+    return MORE(e0 + x * (e1 - e0), none);
 };
 """
 
 ABSORBED = """
+#define MORE(a, b) ((a) > (b) ? (a) : (b))
 // 1 - exp(-y) of y >= 0: where it is thin by a series, else by that of 2^r.
-auto absorbed = [](v8f y) -> v8f {
-    const v8f none = {};
-    v8f thin = none + 1.0f;
+auto absorbed = [](FLOATS y) -> FLOATS {
+    const FLOATS none = {};
+    FLOATS thin = none + 1.0f;
     for (int i = 8; i > 1; --i) thin = 1.0f - y * (1.0f / i) * thin;
-    const v8f z = MAX(y * -1.44269504088896f, none - 115.0f);
-    const v8f whole = z + 12582912.0f;
-    const v8f r = (z - (whole - 12582912.0f)) * 0.693147180559945f;
-    v8f p = r * (1.0f / 720) + (1.0f / 120);
+    const FLOATS z = MORE(y * -1.44269504088896f, none - 115.0f);
+    const FLOATS whole = z + 12582912.0f;
+    const FLOATS r = (z - (whole - 12582912.0f)) * 0.693147180559945f;
+    FLOATS p = r * (1.0f / 720) + (1.0f / 120);
     p = p * r + (1.0f / 24);
     p = p * r + (1.0f / 6);
     p = p * r + 0.5f;
     p = p * r + 1.0f;
     p = p * r + 1.0f;
-    const v8f left = (v8f)((v8i)p + ((v8i)whole << 23));
+    const FLOATS left = (FLOATS)((INTS)p + ((INTS)whole << 23));
     return y < 0.5f ? y * thin : 1.0f - left;
 };
 """
@@ -110,16 +112,16 @@ return l;
 
 # What of a straight way is inside of the box, from a to b of it.
 INSIDE = """
-auto inside = [&](const v8f* p, const v8f* d, v8f& a, v8f& b) {
+auto inside = [&](const FLOATS* p, const FLOATS* d, FLOATS& a, FLOATS& b) {
     a = none;
     b = none + 1.0f;
     for (int c = 0; c < 3; ++c) {
-        const v8f before = (float)low[c] - p[c], behind = (float)high[c] - p[c];
-        const v8i out = (MIN(d[c], none) < before) | (MAX(d[c], none) > behind);
-        const v8f t0 = before / d[c], t1 = behind / d[c];
-        const v8i still = d[c] == 0.0f;
-        a = out && !still ? MAX(a, MIN(t0, t1)) : a;
-        b = out ? (still ? none : MIN(b, MAX(t0, t1))) : b;
+        const FLOATS before = (float)low[c] - p[c], behind = (float)high[c] - p[c];
+        const INTS out = (LESS(d[c], none) < before) | (MORE(d[c], none) > behind);
+        const FLOATS t0 = before / d[c], t1 = behind / d[c];
+        const INTS still = d[c] == 0.0f;
+        a = out && !still ? MORE(a, LESS(t0, t1)) : a;
+        b = out ? (still ? none : LESS(b, MORE(t0, t1))) : b;
     }
 };
 """
@@ -154,9 +156,26 @@ for (int c = 0; c < 3; ++c) {
     p[c] = __builtin_convertvector(ways.p[c] + number * ways.p_step[c], v8f);
     d[c] = __builtin_convertvector(ways.d[c] + number * ways.d_step[c], v8f);
 }
+// Where the blocks ahead of all of them are known to be empty up to where they end, there is nothing to look at.
+const uint8_t* ahead = octants.data;
+v8i block = first, farthest = first, way = first;
+for (int c = 2; c >= 0; --c) {
+#define BLOCK(p) (MORE(LESS(__builtin_convertvector(p, v8i), first + field.last[c]), first) >> 2)
+    const v8i from = BLOCK(p[c]), to = BLOCK(p[c] + d[c]), far = MORE(to - from, from - to);
+    block = block * octants.shape[3 - c] + from;
+    farthest = MORE(farthest, far);
+    way |= (d[c] > 0.0f) & (1 << c);
+}
+const int64_t blocks = (int64_t)octants.shape[1] * octants.shape[2] * octants.shape[3];
+bool seen = false;
+for (int l = 0; l < 8; ++l) {
+    const int empty = ahead[way[l] * blocks + block[l]];
+    seen |= empty == FULL || empty <= farthest[l];
+}
+if (!seen) return {};
 for (int l = 0; l < 8; ++l) length[l] = ways.lengths[l];
 inside(p, d, a, b);
-const v8f h = MAX(b - a, none) / (float)parts;
+const v8f h = MORE(b - a, none) / (float)parts;
 for (int c = 0; c < 3; ++c) {
     p[c] += a * d[c];
     d[c] *= h;
@@ -209,13 +228,13 @@ def make_lanes(dtype):
     on, ``seen`` (7, 8) are where they begin and end, scalars there, colours, extinctions, and opacities; -> the first
     of them with something to see, ``PARTS`` if there is none;
     ``depth(field, table, low, high, p, d, length, parts)`` as of ``tissue``; and
-    ``depths(field, table, low, high, ways, parts)``, those of ``Ways``.
+    ``depths(field, table, octants, low, high, ways, parts)``, those of ``Ways``.
     """
     Field = make_samples(dtype)
     Table, _ = make_table(wp.float32)
-    text = VECTORS + scalars_of(dtype) + ENTRIES
+    text = VECTORS + wide(scalars_of(dtype) + ENTRIES, 8)
 
-    @wp.func_native(text + ABSORBED + MEASURE)
+    @wp.func_native(text + wide(ABSORBED, 8) + MEASURE)
     def measure(
         field: Field,
         table: Table,
@@ -226,7 +245,7 @@ def make_lanes(dtype):
         seen: wp.array2d(dtype=wp.float32),
     ) -> int: ...
 
-    @wp.func_native(text + INSIDE + DEPTH)
+    @wp.func_native(text + wide(INSIDE, 8) + DEPTH)
     def depth(
         field: Field,
         table: Table,
@@ -238,10 +257,11 @@ def make_lanes(dtype):
         parts: int,
     ) -> wp.float32: ...
 
-    @wp.func_native(text + INSIDE + DEPTHS)
+    @wp.func_native(text + wide(INSIDE, 8) + DEPTHS.replace("FULL", str(FULL)))
     def depths(
         field: Field,
         table: Table,
+        octants: wp.array4d(dtype=wp.uint8),
         low: wp.vec3d,
         high: wp.vec3d,
         ways: Ways,
@@ -254,5 +274,5 @@ def make_lanes(dtype):
 ALL = "v8f a;\nfor (int l = 0; l < 8; ++l) a[l] = y[l];\na = absorbed(a);\n"
 
 
-@wp.func_native(VECTORS + ABSORBED + ALL + "for (int l = 0; l < 8; ++l) y[l] = a[l];\nreturn y;\n")
+@wp.func_native(VECTORS + wide(ABSORBED, 8) + ALL + "for (int l = 0; l < 8; ++l) y[l] = a[l];\nreturn y;\n")
 def absorbed_of(y: Eight) -> Eight: ...

@@ -7,10 +7,13 @@ from functools import cache
 
 import warp as wp
 
+from ..bricks.brick import Brick
 from ..field.walk import MARGIN, make_walk
 from ..precision import vec3_of, vec4_of
-from ..ray import ending, entry, inside, inverted, pixel
+from ..ray import View, ending, entry, inside, inverted, pixel
+from ..rays import reaches
 from ..segment import make_absorbed, over
+from .eyes import FOUND, GIVEN, LANES, Task, make_eyes
 from .lanes import PARTS, lanes_of
 from .points import make_shading
 from .tissue import make_depth, make_shone_on, make_tissue
@@ -30,16 +33,214 @@ class Eye:
     rgba: wp.array2d(dtype=wp.vec4d)  # composite without shadows
     lit: wp.array2d(dtype=wp.vec3d)  # its colour with them
     samples: wp.array2d(dtype=int)
+    octants: wp.array4d(dtype=wp.uint8)  # as of ``strides``, for several rays at a time
+
+
+@wp.struct
+class Ray:
+    """Of a pixel, through slabs of light, from where there is something to see."""
+
+    goes: bool  # through any of them
+    onward: bool  # passes slabs in their order
+    origin: wp.vec3d
+    direction: wp.vec3d
+    length: wp.float64
+    begin: wp.float64  # where its first slab begins
+    apart: wp.float64  # lengths of slabs
+    foot: wp.vec3d  # where it is in light's cells, and how that grows by length
+    drift: wp.vec3d
+
+
+@wp.func
+def reach(view: View, x: int, y: int):
+    """Where there may be something to see along the ray of a pixel: its line, and from where to where."""
+    point, way, whole, entered = entry(view, x, y)
+    ends, _loose = ending(view, x, y)
+    enters, leaves = inside(view.seen_low, view.seen_high, point, inverted(way), wp.float64(0.0), whole)
+    return point, way, enters, wp.min(leaves, ends - entered)
+
+
+@cache
+def make_through(halves):
+    """``through(scene, point, way, enters, leaves, first, count, seen)``: a ray through so many slabs from the
+    ``first``, of an opacity that is ``seen`` of it before.
+    """
+    Scene = halves.Scene
+
+    @wp.func
+    def through(
+        scene: Scene,
+        point: wp.vec3d,
+        way: wp.vec3d,
+        enters: wp.float64,
+        leaves: wp.float64,
+        first: int,
+        count: int,
+        seen: wp.float64,
+    ):
+        ray = Ray()
+        if not leaves > enters:
+            return ray
+        sweep = scene.march
+        # Rays begin and end with what there is to see.
+        ray.origin = point + enters * way
+        ray.direction = way
+        ray.length = leaves - enters
+        # Slabs behind one another for the eye, each in parts: k-th part of the ray is from t0 + k h on.
+        z = wp.dot(sweep.ahead, ray.origin) + sweep.offset
+        rate = wp.dot(sweep.ahead, way)
+        ray.onward = rate > wp.float64(0.0)
+        if ray.onward and seen > scene.opaque:
+            return ray
+        edge = sweep.start + sweep.thickness * wp.float64(wp.where(ray.onward, first, first + count))
+        ray.begin = (edge - z) / rate
+        ray.apart = sweep.thickness / wp.abs(rate)
+        if ray.begin >= ray.length or ray.begin + wp.float64(count) * ray.apart <= wp.float64(0.0):
+            return ray
+        ray.goes = bool(True)
+        # Where the ray is in light's cells: both linear in its length, for what diverges constant.
+        ray.drift = sweep.across @ way
+        if sweep.diverging:
+            # Rays come from where light does: from inside the volume, where z = 0, too.
+            ray.foot = ray.drift / rate
+            ray.drift = wp.vec3d()
+        else:
+            ray.foot = sweep.across @ ray.origin + sweep.shift
+        ray.foot -= wp.vec3d(sweep.corner[0], sweep.corner[1], wp.float64(0.0))
+        return ray
+
+    return through
+
+
+@wp.func
+def begin(x: int, y: int, fresh: bool, seen_by: Eye):
+    """What has been seen of a pixel before, of ``fresh`` ones nothing."""
+    if fresh:
+        seen_by.rgba[y, x] = wp.vec4d()
+        seen_by.lit[y, x] = wp.vec3d()
+    return seen_by.rgba[y, x][3]
+
+
+@wp.func
+def leave(
+    x: int,
+    y: int,
+    onward: bool,
+    plain: wp.vec3d,
+    shone: wp.vec3d,
+    opacity: wp.float64,
+    evaluated: int,
+    seen_by: Eye,
+):
+    """What a ray has come to: ``opacity`` with what it had before where it goes on in the order of slabs."""
+    before = seen_by.rgba[y, x]
+    ray = wp.vec4d(plain[0], plain[1], plain[2], opacity)
+    if onward:
+        ray += before
+        ray[3] = opacity
+        seen_by.lit[y, x] = shone + seen_by.lit[y, x]
+    else:
+        seen_by.lit[y, x] = shone + (wp.float64(1.0) - opacity) * seen_by.lit[y, x]
+        ray = over(ray, before)
+    seen_by.rgba[y, x] = ray
+    seen_by.samples[y, x] += evaluated
+
+
+@cache
+def make_abreast(halves):
+    """The kernel ``advance`` of ``LANES`` rays at a time."""
+    Scene = halves.Scene
+    through = make_through(halves)
+    look = make_eyes(halves.field.dtype, FAINT, LEAST)
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def advance(
+        base: int,
+        scene: Scene,
+        first: int,
+        count: int,
+        fresh: bool,
+        stack: wp.array3d(dtype=wp.float32),
+        seen_by: Eye,
+    ):
+        view = scene.view
+        # Of a row of a tile, up to the image's edge.
+        x, y = pixel(view, (wp.tid() + base) * LANES)
+        last = wp.where(y < view.height, wp.min(LANES, view.width - x), 0)
+        asked = int(0)
+        for l in range(last):
+            asked += int(seen_by.shown[y, x + l])
+        if asked == 0:
+            return
+        lines = wp.zeros(shape=(LANES, 9), dtype=wp.float64)
+        if view.ends.shape[0] == 0:
+            offs = wp.zeros(shape=(LANES,), dtype=wp.float64)
+            limits = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(1.0))
+            reaches(view, Brick(), x, y, limits, lines, offs)
+        else:
+            for l in range(last):
+                if seen_by.shown[y, x + l] != wp.uint8(0):
+                    point, way, enters, leaves = reach(view, x + l, y)
+                    for c in range(3):
+                        lines[l, c] = point[c]
+                        lines[l, 3 + c] = way[c]
+                    lines[l, 6] = enters
+                    lines[l, 7] = leaves
+        rays = wp.zeros(shape=(GIVEN, LANES), dtype=float)
+        found = wp.zeros(shape=(FOUND, LANES), dtype=float)
+        going = int(0)
+        onward = bool(True)
+        for l in range(last):
+            if seen_by.shown[y, x + l] != wp.uint8(0):
+                seen = begin(x + l, y, fresh, seen_by)
+                point = wp.vec3d(lines[l, 0], lines[l, 1], lines[l, 2])
+                way = wp.vec3d(lines[l, 3], lines[l, 4], lines[l, 5])
+                ray = through(scene, point, way, lines[l, 6], lines[l, 7], first, count, seen)
+                if ray.goes:
+                    going += 1
+                    onward = ray.onward
+                    for c in range(3):
+                        rays[c, l] = float(ray.origin[c])
+                        rays[3 + c, l] = float(ray.direction[c])
+                    rays[6, l] = float(ray.length)
+                    rays[7, l] = float(ray.begin)
+                    rays[8, l] = float(ray.apart)
+                    for c in range(2):
+                        rays[9 + c, l] = float(ray.foot[c])
+                        rays[11 + c, l] = float(ray.drift[c])
+                    if onward:
+                        rays[13, l] = float(seen)
+        if going == 0:
+            return
+        task = Task()
+        task.octants = seen_by.octants
+        task.low = view.seen_low
+        task.high = view.seen_high
+        task.slice = scene.march.lead + wp.where(onward, 0, count)
+        task.turn = wp.where(onward, 1, -1)
+        task.count = count
+        task.least = float(wp.float64(1.0) - scene.opaque)
+        look(scene.field, scene.table, scene.march, stack, task, rays, found)
+        for l in range(last):
+            if rays[6, l] > float(0.0):
+                plain = wp.vec3d(wp.vec3(found[0, l], found[1, l], found[2, l]))
+                shone = wp.vec3d(wp.vec3(found[3, l], found[4, l], found[5, l]))
+                leave(x + l, y, onward, plain, shone, wp.float64(found[6, l]), int(found[7, l]), seen_by)
+
+    return advance
 
 
 @cache
 def make_advance(halves):
-    """The kernel ``advance`` of a sweep."""
+    """The kernel ``advance`` of a sweep, and how many rays an item of its launch has."""
+    preintegrated, traced = halves.march.preintegrated, halves.march.traced
+    lighted = halves.light is not None
+    if lanes_of(halves) is not None and traced and not lighted:
+        return make_abreast(halves), LANES
     real = halves.real
     vec3 = vec3_of(real)
     vec4 = vec4_of(real)
-    preintegrated, traced = halves.march.preintegrated, halves.march.traced
-    lighted = halves.light is not None
+    through = make_through(halves)
     Scene = halves.Scene
     value = halves.field.value(real)
     eye_of, *_ = make_shading(halves)
@@ -138,58 +339,32 @@ def make_advance(halves):
 
         Only rays that are ``shown``; ``fresh`` ones have come to nothing yet.
         """
-        sweep = scene.march
         x, y = pixel(scene.view, wp.tid() + base)
         if y >= scene.view.height:
             return
-        if fresh:
-            seen_by.rgba[y, x] = wp.vec4d()
-            seen_by.lit[y, x] = wp.vec3d()
         if seen_by.shown[y, x] == wp.uint8(0):
             return
-        before = seen_by.rgba[y, x]
-        point, way, whole, entered = entry(scene.view, x, y)
-        ends, _loose = ending(scene.view, x, y)
-        view = scene.view
-        enters, leaves = inside(view.seen_low, view.seen_high, point, inverted(way), wp.float64(0.0), whole)
-        leaves = wp.min(leaves, ends - entered)
-        if not leaves > enters:
+        gone = begin(x, y, fresh, seen_by)
+        point, way, enters, leaves = reach(scene.view, x, y)
+        ray = through(scene, point, way, enters, leaves, first, count, gone)
+        if not ray.goes:
             return
-        # Rays begin and end with what there is to see.
-        point += enters * way
-        reach = leaves - enters
-        # Slabs behind one another for the eye, each in parts: k-th part of the ray is from t0 + k h on.
-        z = wp.dot(sweep.ahead, point) + sweep.offset
-        rate = wp.dot(sweep.ahead, way)
-        onward = rate > wp.float64(0.0)
-        if onward and before[3] > scene.opaque:
-            return
-        edge = sweep.start + sweep.thickness * wp.float64(wp.where(onward, first, first + count))
-        begin = (edge - z) / rate
-        step = sweep.thickness / wp.abs(rate)
-        if begin >= reach or begin + wp.float64(count) * step <= wp.float64(0.0):
-            return
-        # Where the ray is in light's cells: both linear in its length, for what diverges constant.
-        foot = sweep.across @ point + sweep.shift
-        drift = sweep.across @ way
-        if sweep.diverging:
-            # Rays come from where light does: from inside the volume, where z = 0, too.
-            foot = drift / rate
-            drift = wp.vec3d()
-        u = real(foot[0] - sweep.corner[0])
-        v = real(foot[1] - sweep.corner[1])
-        du = real(drift[0])
-        dv = real(drift[1])
+        sweep = scene.march
         # The slice that its first slab begins at, and how many of them it passes, all in all and by length.
-        slice = sweep.lead + wp.where(onward, 0, count)
-        turn = wp.where(onward, 1, -1)
-        rise = real(wp.float64(turn) / step)
-        origin = vec3(point)
-        direction = vec3(way)
-        length = real(reach)
-        t0 = real(begin)
-        apart = real(step)
-        part = real(step / wp.float64(sweep.parts))
+        slice = sweep.lead + wp.where(ray.onward, 0, count)
+        turn = wp.where(ray.onward, 1, -1)
+        rise = real(wp.float64(turn) / ray.apart)
+        origin = vec3(ray.origin)
+        direction = vec3(ray.direction)
+        length = real(ray.length)
+        t0 = real(ray.begin)
+        apart = real(ray.apart)
+        part = real(ray.apart / wp.float64(sweep.parts))
+        u = real(ray.foot[0])
+        v = real(ray.foot[1])
+        du = real(ray.drift[0])
+        dv = real(ray.drift[1])
+        onward = ray.onward
         eye = vec3()
         if wp.static(lighted):
             eye = eye_of(scene, direction)
@@ -197,7 +372,7 @@ def make_advance(halves):
         plain = vec3()
         shone = vec3()
         if onward:
-            clear = wp.float64(1.0) - before[3]
+            clear = wp.float64(1.0) - gone
         least = wp.float64(1.0) - scene.opaque
         evaluated = int(0)
         k = wp.max(int(wp.floor(-t0 / part)), 0)
@@ -301,88 +476,6 @@ def make_advance(halves):
                 clear *= wp.float64(1.0) - wp.float64(A)
             evaluated += 1
             k += 1
-        ray = wp.vec4d(wp.float64(plain[0]), wp.float64(plain[1]), wp.float64(plain[2]), wp.float64(1.0) - clear)
-        lit = wp.vec3d(shone)
-        if onward:
-            ray += before
-            ray[3] = wp.float64(1.0) - clear
-            lit += seen_by.lit[y, x]
-        else:
-            lit += clear * seen_by.lit[y, x]
-            ray = over(ray, before)
-        seen_by.rgba[y, x] = ray
-        seen_by.lit[y, x] = lit
-        seen_by.samples[y, x] += evaluated
+        leave(x, y, ray.onward, wp.vec3d(plain), wp.vec3d(shone), wp.float64(1.0) - clear, evaluated, seen_by)
 
-    return advance
-
-
-@wp.kernel(enable_backward=False, module="unique")
-def gather(
-    base: int,
-    rgba: wp.array2d(dtype=wp.vec4d),
-    lit_rgb: wp.array2d(dtype=wp.vec3d),
-    color: wp.vec3d,
-    share: bool,
-    fresh: bool,
-    result: wp.array2d(dtype=wp.vec3d),
-):
-    """Adds what one light, ``fresh`` if it is the first, does to each pixel: colour, or the share of it that light
-    reaches.
-    """
-    item = wp.tid() + base
-    y = item // rgba.shape[1]
-    x = item - y * rgba.shape[1]
-    plain = rgba[y, x]
-    lit = lit_rgb[y, x]
-    if share:
-        # Where a channel has no emission, the share is that of all channels; where there is none, all is reached.
-        total = plain[0] + plain[1] + plain[2]
-        mean = wp.float64(1.0)
-        if total > wp.float64(0.0):
-            mean = (lit[0] + lit[1] + lit[2]) / total
-        for c in range(3):
-            part = mean
-            if plain[c] > wp.float64(1.0e-6) * total:
-                part = lit[c] / plain[c]
-            lit[c] = part
-    lit = wp.cw_mul(color, lit)
-    if not fresh:
-        lit += result[y, x]
-    result[y, x] = lit
-
-
-@cache
-def make_finish(real):
-    """Kernels ``choose(base, image, shown)``: the pixels that show anything, and ``finish(base, light, rgba, share,
-    image)``: an image's colours times shares, or all of it from the slices.
-    """
-    vec4 = vec4_of(real)
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def choose(base: int, image: wp.array2d(dtype=vec4), shown: wp.array2d(dtype=wp.uint8)):
-        item = wp.tid() + base
-        y = item // image.shape[1]
-        x = item - y * image.shape[1]
-        shown[y, x] = wp.uint8(wp.where(image[y, x][3] > real(0.0), 1, 0))
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def finish(
-        base: int,
-        light: wp.array2d(dtype=wp.vec3d),
-        rgba: wp.array2d(dtype=wp.vec4d),
-        share: bool,
-        image: wp.array2d(dtype=vec4),
-    ):
-        item = wp.tid() + base
-        y = item // image.shape[1]
-        x = item - y * image.shape[1]
-        q = light[y, x]
-        if share:
-            for c in range(3):
-                q[c] *= wp.float64(image[y, x][c])
-            image[y, x] = vec4(real(q[0]), real(q[1]), real(q[2]), image[y, x][3])
-        else:
-            image[y, x] = vec4(real(q[0]), real(q[1]), real(q[2]), real(rgba[y, x][3]))
-
-    return choose, finish
+    return advance, 1

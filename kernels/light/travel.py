@@ -77,6 +77,8 @@ class Shade:
 
     occupied: wp.array3d(dtype=wp.uint8)  # [z, y, x] of tiles
     touched: wp.array2d(dtype=wp.uint8)  # of tiles, with a border of one: which may have less than full light
+    items: int  # of a launch over slices, of each row
+    octants: wp.array4d(dtype=wp.uint8)  # as of ``strides``, where tissue is seen in vectors
 
 
 def run_of(real):
@@ -134,7 +136,7 @@ def make_depths(halves, measured):
         return wp.sqrt(wp.float32(1.0) + wp.float32(sweep.widening) * (u * u + v * v))
 
     @wp.func
-    def depths(scene: Scene, z: wp.float64, i: int, j: int, L: Run):
+    def depths(scene: Scene, shade: Shade, z: wp.float64, i: int, j: int, L: Run):
         sweep = scene.march
         if wp.max(L) < wp.float32(1.0e-6):
             return Run()
@@ -151,7 +153,7 @@ def make_depths(halves, measured):
         for n in range(cells):
             ways.lengths[n] = wp.float32(sweep.thickness) * slant(sweep, i + n, j)
         view = scene.view
-        return measured(scene.field, scene.table, view.seen_low, view.seen_high, ways, sweep.parts)
+        return measured(scene.field, scene.table, shade.octants, view.seen_low, view.seen_high, ways, sweep.parts)
 
     return depths
 
@@ -177,7 +179,7 @@ def make_travel(halves):
         return A
 
     @wp.func
-    def depths(scene: Scene, z: wp.float64, i: int, j: int, L: Run):
+    def depths(scene: Scene, shade: Shade, z: wp.float64, i: int, j: int, L: Run):
         """Of a slab from z on, those of a run of cells in which there is light L."""
         sweep = scene.march
         D = Run()
@@ -219,14 +221,22 @@ def make_travel(halves):
         tile = row // result.shape[1]
         i = (item - row * result.shape[2]) * RUN
         j = (row - tile * result.shape[1]) * ROWS
-        low = wp.vec3d(wp.float64(wp.inf))
-        high = -low
-        for c in range(8):
-            slab = (tile + c // 4) * SLABS
-            z = sweep.start + wp.float64(slab) * sweep.thickness
-            p, _way, _length = way_of(sweep, z, real(i + (c & 1) * (RUN - 1)), real(j + (c // 2 & 1) * (ROWS - 1)))
-            low = wp.min(low, p)
-            high = wp.max(high, p)
+        # All that is linear in places in slices is least and most in corners.
+        near = sweep.start + wp.float64(tile * SLABS) * sweep.thickness
+        far = near + wp.float64(wp.static(float(int(SLABS)))) * sweep.thickness
+        _, way, _length = way_of(sweep, wp.float64(0.0), real(i), real(j))
+        columns = wp.float64(wp.static(int(RUN) - 1.0)) * wp.vec3d(sweep.side[0, 0], sweep.side[1, 0], sweep.side[2, 0])
+        rows = wp.float64(wp.static(int(ROWS) - 1.0)) * wp.vec3d(sweep.side[0, 1], sweep.side[1, 1], sweep.side[2, 1])
+        less = wp.min(columns, wp.vec3d()) + wp.min(rows, wp.vec3d())
+        more = wp.max(columns, wp.vec3d()) + wp.max(rows, wp.vec3d())
+        if sweep.diverging:
+            low = sweep.origin + wp.min(near * (way + less), far * (way + less))
+            high = sweep.origin + wp.max(near * (way + more), far * (way + more))
+        else:
+            p, _way, _length = way_of(sweep, near, real(i), real(j))
+            onward = (far - near) * sweep.along
+            low = p + less + wp.min(onward, wp.vec3d())
+            high = p + more + wp.max(onward, wp.vec3d())
         occupied = bool(True)
         first = wp.vec3i()
         last = wp.vec3i()
@@ -266,54 +276,58 @@ def make_travel(halves):
     ):
         """Diffusion by a variance of q, at most 1/2, along each axis, of light that is through with the slab's first
         share of attenuation. If a ``slot`` of the stack is given, diffusion is done: the rest of attenuation, and the
-        first share of the next slab's. ``touched`` tiles, with a border of one, may have less than full light.
+        first share of the next slab's. ``touched`` tiles, with a border of one, may have less than full light. The
+        items of a row take runs by turns.
         """
         item = wp.tid() + base
-        j = item // state.rest.shape[1]
-        i = item - j * state.rest.shape[1]
-        shaded = bool(False)  # by the next slab, perhaps
-        if slot >= 0 and slab + 1 < shade.occupied.shape[0] * SLABS:
-            shaded = shade.occupied[(slab + 1) // SLABS, j // ROWS, i] != wp.uint8(0)
-        if not shaded and shade.touched[j // ROWS + 1, i + 1] == wp.uint8(0):
-            # Full light is left as it is.
+        every = shade.items
+        j = item // every
+        for i in range(item - j * every, state.rest.shape[1], every):
+            shaded = bool(False)  # by the next slab, perhaps
+            if slot >= 0 and slab + 1 < shade.occupied.shape[0] * SLABS:
+                shaded = shade.occupied[(slab + 1) // SLABS, j // ROWS, i] != wp.uint8(0)
+            if not shaded and shade.touched[j // ROWS + 1, i + 1] == wp.uint8(0):
+                # Full light is left as it is.
+                if slot >= 0:
+                    state.stack[slot, j, i] = Run(real(1.0))
+                continue
+            y = j + BORDER
+            x = i + 1
+            L = state.light[source, y, x]
+            west = state.light[source, y, x - 1]
+            east = state.light[source, y, x + 1]
+            # Of the rows above and below together.
+            rows = state.light[source, y - 1, x] + state.light[source, y + 1, x]
+            rows_west = state.light[source, y - 1, x - 1] + state.light[source, y + 1, x - 1]
+            rows_east = state.light[source, y - 1, x + 1] + state.light[source, y + 1, x + 1]
+            near = rows + back1(west, L) + on1(L, east)
+            far = state.light[source, y - 2, x] + state.light[source, y + 2, x] + back2(west, L) + on2(L, east)
+            corners = back1(rows_west, rows) + on1(rows, rows_east)
+            four = real(4.0) * L
+            L += q * (
+                (real(0.5) - q) * (near - four) + q * (real(0.125) * (far - four) + real(0.25) * (corners - four))
+            )
             if slot >= 0:
-                state.stack[slot, j, i] = Run(real(1.0))
-            return
-        y = j + BORDER
-        x = i + 1
-        L = state.light[source, y, x]
-        west = state.light[source, y, x - 1]
-        east = state.light[source, y, x + 1]
-        # Of the rows above and below together.
-        rows = state.light[source, y - 1, x] + state.light[source, y + 1, x]
-        rows_west = state.light[source, y - 1, x - 1] + state.light[source, y + 1, x - 1]
-        rows_east = state.light[source, y - 1, x + 1] + state.light[source, y + 1, x + 1]
-        near = rows + back1(west, L) + on1(L, east)
-        far = state.light[source, y - 2, x] + state.light[source, y + 2, x] + back2(west, L) + on2(L, east)
-        corners = back1(rows_west, rows) + on1(rows, rows_east)
-        four = real(4.0) * L
-        L += q * ((real(0.5) - q) * (near - four) + q * (real(0.125) * (far - four) + real(0.25) * (corners - four)))
-        if slot >= 0:
-            if slab >= 0:
-                if shade.occupied[slab // SLABS, j // ROWS, i] != wp.uint8(0):
-                    L -= wp.cw_mul(L, state.rest[j, i])
-            state.stack[slot, j, i] = L
-            if shaded:
-                scene = scenes[0]
-                sweep = scene.march
-                z = sweep.start + wp.float64(slab + 1) * sweep.thickness
-                D = depths(scene, z, i * RUN, j, L)
-                A = opacities(real(sweep.before) * D)
-                B = opacities(real(sweep.after) * D)
-                L -= wp.cw_mul(L, A)
-                state.rest[j, i] = B
-        state.light[1 - source, y, x] = L
-        if wp.min(L) < real(1.0):
-            # Diffusion reaches two cells.
-            above = (j - 2 + ROWS) // ROWS
-            below = (j + 2) // ROWS + 1
-            for c in range(3):
-                shade.touched[above, i + c] = wp.uint8(1)
-                shade.touched[below, i + c] = wp.uint8(1)
+                if slab >= 0:
+                    if shade.occupied[slab // SLABS, j // ROWS, i] != wp.uint8(0):
+                        L -= wp.cw_mul(L, state.rest[j, i])
+                state.stack[slot, j, i] = L
+                if shaded:
+                    scene = scenes[0]
+                    sweep = scene.march
+                    z = sweep.start + wp.float64(slab + 1) * sweep.thickness
+                    D = depths(scene, shade, z, i * RUN, j, L)
+                    A = opacities(real(sweep.before) * D)
+                    B = opacities(real(sweep.after) * D)
+                    L -= wp.cw_mul(L, A)
+                    state.rest[j, i] = B
+            state.light[1 - source, y, x] = L
+            if wp.min(L) < real(1.0):
+                # Diffusion reaches two cells.
+                above = (j - 2 + ROWS) // ROWS
+                below = (j + 2) // ROWS + 1
+                for c in range(3):
+                    shade.touched[above, i + c] = wp.uint8(1)
+                    shade.touched[below, i + c] = wp.uint8(1)
 
     return occupy, travel

@@ -59,13 +59,14 @@ def sweep_of_light(n, q):
     inner[:] = 0.0
     inner[rows // 2, columns // 2] = 1.0
     state, shade = make_state(wp.float64)(), Shade()
+    shade.items = 1
     state.light = wp.array(start.reshape(2, rows + 2 * border, -1, run), dtype=run_of(wp.float64), device=device)
     state.rest = wp.zeros((rows, columns // run), dtype=run_of(wp.float64), device=device)
     # Every tile may be in shadow, and nothing is in the way.
     shade.touched = wp.ones((rows // int(ROWS) + 2, columns // run + 2), dtype=wp.uint8, device=device)
     scenes = wp.zeros(1, dtype=halves.Scene, device=device)
     steps = [(0, wp.float64(q), k % 2, -1) for k in range(n)]
-    launch_in_turn(step, state.rest.size, steps, [scenes, shade, state], device)
+    launch_in_turn(step, rows, steps, [scenes, shade, state], device)
     return state.light.numpy()[n % 2].reshape(start.shape[1:])[border:-border, run:-run]
 
 

@@ -95,11 +95,16 @@ class Everything(Part):
 class Octants(Part):
     """How far there is nothing to see, by the way that a ray goes: ``kernels.field.strides``."""
 
-    kinds: Part  # that has masks
+    kinds: Part
     name: ClassVar[str] = "octants"
 
     def build(self, keep: Keeper) -> wp.array:
-        masks = keep(self.kinds).masks
+        seen = keep(self.kinds)
+        masks = seen.masks
+        if masks.shape != seen.kinds.shape:
+            # Where cells are not told apart, all of a block or none.
+            shown = seen.kinds.numpy() > int(EMPTY)
+            masks = wp.array(np.where(shown, np.uint64(2**64 - 1), np.uint64(0)), dtype=wp.uint64, device=keep.device)
         result = keep.empty((8, *masks.shape), wp.uint8)
         launch(make_octants, 8, [masks, result], keep.device)
         return result

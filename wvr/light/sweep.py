@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..field.base import Field
+from ..field.blocks import Octants
 from ..keep import Keeper, Part
-from ..kernels.light.slices import Eye, gather, make_advance, make_finish
+from ..kernels.light.lanes import lanes_of
+from ..kernels.light.shares import gather, make_finish
+from ..kernels.light.slices import Eye, make_advance
 from ..kernels.light.travel import BORDER, ROWS, RUN, SLABS, Half, Sweep, make_state, make_travel, run_of
 from ..kernels.light.travel import Shade as ShadeStruct
 from ..kernels.precision import REALS
@@ -105,10 +108,11 @@ def shade(frame: Frame, rgba: wp.array, precision: str) -> Shaded:
     choose, finish = make_finish(REALS["float64" if rgba.dtype is wp.vec4d else "float32"])
     share = not shadows.alone
     shown = wp.ones((height, width), dtype=wp.uint8, device=device)
+    every = items(width, device)
     if share:
-        launch(choose, width * height, [rgba, shown], device)
+        launch(choose, height * every, [rgba, shown, every], device)
     light, slices, samples, count = sweep_lights(frame, halves, struct, shown)
-    launch(finish, width * height, [light, slices, share, rgba], device)
+    launch(finish, height * every, [light, slices, shown, share, rgba, every], device)
     return Shaded(shadows, count, samples)
 
 
@@ -138,28 +142,37 @@ def sweep_lights(
     shadows = scene.shadows
     assert shadows is not None
     height, width = shown.shape
-    advance = make_advance(halves)
+    advance, rays = make_advance(halves)
+    every = items(width, device)
     result = keep.scratch("share", (height, width), wp.vec3d)
     eye = Eye()
     eye.shown = shown
     eye.samples = wp.zeros((height, width), dtype=int, device=device)
     eye.rgba = keep.scratch("composite", (height, width), wp.vec4d)
     eye.lit = keep.scratch("lit", (height, width), wp.vec3d)
+    octants = keep(Octants(scene.kinds(True))) if lanes_of(halves) is not None else None
+    if octants is not None:
+        eye.octants = octants
     slices = 0
     for number, light in enumerate(shadows.lights):
         struct.march, shape, variance = place(scene.volume, frame.camera, shadows, light, struct.view)
-        for first, count, lead, stack in travel(halves, struct, shape, variance, keep):
+        for first, count, lead, stack in travel(halves, struct, shape, variance, octants, keep):
             struct.march.lead = lead
             inputs = [struct, first, count, first == 0, stack, eye]
-            launch_pixels(advance, inputs, device, struct.view)
-        inputs = [eye.rgba, eye.lit, wp.vec3d(*light.color), not shadows.alone, number == 0, result]
-        launch(gather, width * height, inputs, device)
+            launch_pixels(advance, inputs, device, struct.view, rays)
+        inputs = [eye, wp.vec3d(*light.color), not shadows.alone, number == 0, result, every]
+        launch(gather, height * every, inputs, device)
         slices += struct.march.slices
     return result, eye.rgba, eye.samples, slices
 
 
 def travel(
-    halves: Halves, scene: Any, shape: tuple[int, int], variance: Callable[[int], float], keep: Keeper
+    halves: Halves,
+    scene: Any,
+    shape: tuple[int, int],
+    variance: Callable[[int], float],
+    octants: wp.array | None,
+    keep: Keeper,
 ) -> Iterator[tuple[int, int, int, wp.array]]:
     """Let light travel: yields the first slab, the number of slabs, and the light of the slices around them and of so
     many before, which only lasts until the next. ``scene`` is the struct, with the sweep in it.
@@ -171,6 +184,9 @@ def travel(
     sweep = scene.march
     slices = sweep.slices
     shade = ShadeStruct()
+    shade.items = items(runs, device)
+    if octants is not None:
+        shade.octants = octants
     shade.occupied = wp.empty((-(-slices // int(SLABS)), -(-rows // int(ROWS)), runs), dtype=wp.uint8, device=device)
     launch(occupy, shade.occupied.size, [scene, shade.occupied], device)
     shade.touched = wp.zeros((shade.occupied.shape[1] + 2, runs + 2), dtype=wp.uint8, device=device)
@@ -180,9 +196,9 @@ def travel(
     behind = int(np.ceil(sweep.reach / sweep.thickness)) if halves.march.traced else 0
     # Of one size whatever the view, so that the next frame can have it: what is not used takes no memory, and what a
     # process touches for the first time is slow (68 MB take 30 to 90 ms).
-    least = (behind + 17) * rows * columns
+    least = (behind + 17) * rows * columns + 1
     whole = keep.scratch("light", (max(AHEAD // wp.types.type_size_in_bytes(real), least),), real)
-    chunk = min(whole.size // (rows * columns) - 1 - behind, slices)
+    chunk = min((whole.size - 1) // (rows * columns) - 1 - behind, slices)
     depth = behind + chunk + 1
     stack = wp.array(ptr=whole.ptr, dtype=real, shape=(depth, rows, columns), device=device)
     state.stack = wp.array(ptr=whole.ptr, dtype=run_of(real), shape=(depth, rows, runs), device=device)
@@ -199,12 +215,17 @@ def travel(
                 slot = lead + slab + 1 - first if part == parts - 1 else -1
                 steps.append((slab, real(q / parts), source, slot))
                 source = 1 - source
-        launch_in_turn(step, rows * runs, steps, [scenes, shade, state], device)
+        launch_in_turn(step, rows * shade.items, steps, [scenes, shade, state], device)
         yield first, count, lead, stack
         # What the next needs of these, from the front on: they may overlap.
         kept = min(behind, first + count) + 1
         for n in range(kept):
             wp.copy(stack[n], stack[lead + count + 1 - kept + n])
+
+
+def items(row: int, device: wp.Device) -> int:
+    """Of a launch over a row of so many: on GPUs one each, else one for all, which costs less."""
+    return row if device.is_cuda else 1
 
 
 def axis_of(camera: Camera, light: Light, mode: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

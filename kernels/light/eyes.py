@@ -1,0 +1,458 @@
+"""The eye's rays through slices of light, sixteen abreast, in vectors: what ``slices`` says of one, of whole volumes of
+finite samples in single precision by a table, in traced light.
+
+Each ray is at a part of its own. What dense tissue receives is only needed in sums, so it waits until there are sixteen
+places to trace light back from.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from ..field.samples import make_samples
+from ..field.scalars import scalars_of
+from ..field.strides import FULL
+from ..transfer.lookup import make_table
+from ..vectors import VECTORS, wide
+from .lanes import ABSORBED, ENTRIES, INSIDE
+from .travel import Sweep
+
+# Rays abreast.
+LANES = 16
+# Numbers of each: origin, direction and length, where parts begin, distance of slices, where it is in light's cells and
+# what that grows by, and what is already hidden of it.
+GIVEN = 14
+# How far behind a face a ray is in the block behind it.
+OUTSIDE = 1.0e-3
+# And what it has come to: colour without shadows and with, opacity, and parts that were looked at.
+FOUND = 8
+
+LOOKUP = """
+// Colour times extinction, and that.
+auto looks_up = [&](const int* row, const float* x, vi is, vf* q) {
+    alignas(64) int place[16];
+    *(vi*)place = is ? *(const vi*)row * (int)n + *(const vi*)(row + 1) : first;
+    entry e[16];
+    for (int l = 0; l < 16; ++l) {
+        const entry* p = entries + place[l];
+        const entry e0 = p[0] + x[l + 1] * (p[1] - p[0]), e1 = p[n] + x[l + 1] * (p[n + 1] - p[n]);
+        e[l] = e0 + x[l] * (e1 - e0);
+    }
+    // Columns of that.
+#define PAIR2(a, b) __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7)
+#define FOUR(l) JOIN(PAIR2(e[l], e[4 + l]), PAIR2(e[8 + l], e[12 + l]))
+#define LOWS(a, b) __builtin_shufflevector(a, b, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29)
+#define HIGHS(a, b) __builtin_shufflevector(a, b, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31)
+#define EVEN(a, b) __builtin_shufflevector(a, b, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29)
+#define ODD(a, b) __builtin_shufflevector(a, b, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31)
+    const vf h0 = FOUR(0), h1 = FOUR(1), h2 = FOUR(2), h3 = FOUR(3);
+    const vf rg0 = LOWS(h0, h1), rg1 = LOWS(h2, h3), ba0 = HIGHS(h0, h1), ba1 = HIGHS(h2, h3);
+    q[0] = EVEN(rg0, rg1);
+    q[1] = ODD(rg0, rg1);
+    q[2] = EVEN(ba0, ba1);
+    q[3] = ODD(ba0, ba1);
+};
+"""
+
+TASK = """
+const auto& octants = task.octants;
+const wp::vec_t<3, double>&low = task.low, &high = task.high;
+const auto& side = sweep.side.data;
+const int slice = task.slice, turn = task.turn, count = task.count;
+const float least = task.least;
+const float* given = rays.data;
+"""
+
+NUMBERS = """
+auto sum = [](vf a) -> float {
+    const v8f low = __builtin_shufflevector(a, a, 0, 1, 2, 3, 4, 5, 6, 7);
+    const v8f b = low + __builtin_shufflevector(a, a, 8, 9, 10, 11, 12, 13, 14, 15);
+    const v4f c = __builtin_shufflevector(b, b, 0, 1, 2, 3) + __builtin_shufflevector(b, b, 4, 5, 6, 7);
+    return (c[0] + c[1]) + (c[2] + c[3]);
+};
+// Of x > 0.
+auto logarithm = [](vf x) -> vf {
+    const vi bits = (vi)x, e = (bits - 0x3f3504f3) >> 23;
+    const vf m = (vf)(bits - (e << 23)), z = (m - 1.0f) / (m + 1.0f), q = z * z;
+    const vf p = 1.0f + q * (1.0f / 3 + q * (1.0f / 5 + q * (1.0f / 7 + q * (1.0f / 9))));
+    return 2.0f * z * p + __builtin_convertvector(e, vf) * 0.693147180559945f;
+};
+"""
+
+LIGHT = """
+const int rows = stack.shape[1], columns = stack.shape[2];
+// Light of a slice, linear between cells; 1 beyond its border.
+auto linear = [&](const float* L, float u, float v) __attribute__((noinline)) -> float {
+    if (!(u >= 0.0f && v >= 0.0f && u <= (float)(columns - 1) && v <= (float)(rows - 1))) return 1.0f;
+    const int i = MORE(LESS((int)u, columns - 2), 0), j = MORE(LESS((int)v, rows - 2), 0);
+    const float x = u - (float)i, y = v - (float)j;
+    const float* c = L + (int64_t)j * columns + i;
+    const float a = c[0] + x * (c[1] - c[0]), b = c[columns] + x * (c[columns + 1] - c[columns]);
+    return a + y * (b - a);
+};
+// By a quadratic B-spline, three rows of four cells each; behind the last slice there is room for one more.
+auto light = [&](int number, float u, float v) -> float {
+    const float* L = stack.data + (int64_t)number * rows * columns;
+    if (!(u >= 0.5f && v >= 0.5f && u <= (float)columns - 1.5f && v <= (float)rows - 1.5f)) return linear(L, u, v);
+    const int i = LESS((int)(u + 0.5f), columns - 2), j = LESS((int)(v + 0.5f), rows - 2);
+    const float x = u - (float)i, y = v - (float)j;
+    const float x0 = 0.5f * (0.5f - x) * (0.5f - x), y0 = 0.5f * (0.5f - y) * (0.5f - y);
+    const float* c = L + (int64_t)j * columns + i - 1;
+    const v4f a = *(const v4f*)(c - columns), b = *(const v4f*)c, d = *(const v4f*)(c + columns);
+    const v4f of = (v4f){x0, 1.0f - 2.0f * x0 - x, x0 + x, 0.0f} * (b + y0 * (a - b) + (y0 + y) * (d - b));
+    return of[0] + of[1] + of[2];
+};
+"""
+
+# Places where light is asked for, and parts of rays between two of them each.
+TRACED = """
+struct Waiting {
+    float place[6][16 + POINTS];  // x, y, z, u, v, and of the slices
+    float L[16 + POINTS], D[16 + POINTS];
+    float part[4][POINTS];  // its color, and optical depth
+    int from[POINTS], to[POINTS], lane[POINTS];
+    int ends[16];  // the place where the last part of a ray ended
+    int places, parts;
+};
+alignas(64) Waiting waiting;
+waiting.places = 16;
+waiting.parts = 0;
+for (int l = 0; l < 16; ++l) waiting.ends[l] = l;
+alignas(64) float shone[3][16] = {}, near[16] = {}, far[16] = {};
+#define AT(a, l) (*(vf*)((a) + (l)))
+auto trace = [&]() __attribute__((noinline)) {
+    Waiting& w = waiting;
+    if (w.parts == 0) return;
+    for (int l = w.places; l & 15; ++l)
+        for (int c = 0; c < 6; ++c) w.place[c][l] = w.place[c][w.places - 1];
+    for (int l = 16; l < w.places; l += 16) {
+        const vf u = AT(w.place[3], l), v = AT(w.place[4], l), slot = AT(w.place[5], l);
+        vf d[3], p[3], slant = none + (float)sweep.slant;
+        const vf x = u + (float)sweep.corner[0], y = v + (float)sweep.corner[1];
+        for (int c = 0; c < 3; ++c) {
+            d[c] = none + (float)sweep.along[c];
+            if (sweep.diverging) d[c] += x * (float)side[c][0] + y * (float)side[c][1];
+            p[c] = AT(w.place[c], l);
+        }
+        if (sweep.diverging) slant = __builtin_elementwise_sqrt(1.0f + (float)sweep.widening * (x * x + y * y));
+        // There is light of slices from the first on.
+        const vf back = LESS((float)sweep.reach / slant, slot * (float)sweep.thickness);
+        for (int c = 0; c < 3; ++c) d[c] *= -back;
+        vf a, b;
+        inside(p, d, a, b);
+        const vf h = MORE(b - a, none) * (1.0f / (float)sweep.steps);
+        for (int c = 0; c < 3; ++c) {
+            p[c] += a * d[c];
+            d[c] *= h;
+        }
+        vf total = none, behind = scalars(p[0], p[1], p[2]);
+        for (int m = 0; m < sweep.steps; ++m) {
+            const vf front = behind;
+            for (int c = 0; c < 3; ++c) p[c] += d[c];
+            behind = scalars(p[0], p[1], p[2]);
+            total += extinctions(front, behind);
+        }
+        AT(w.D, l) = b > a ? total * h * back * slant : none;
+        const vf s = slot - back / (float)sweep.thickness;
+        const vi number = MORE(LESS(__builtin_convertvector(s, vi), first + (int)(stack.shape[0] - 2)), first);
+        const vf share = s - __builtin_convertvector(number, vf);
+        alignas(64) int slices[16];
+        alignas(64) float before[16], after[16];
+        *(vi*)slices = number;
+        for (int n = 0; n < 16; ++n) {
+            before[n] = light(slices[n], w.place[3][l + n], w.place[4][l + n]);
+            after[n] = light(slices[n] + 1, w.place[3][l + n], w.place[4][l + n]);
+        }
+        AT(w.L, l) = MORE(AT(before, 0) + share * (AT(after, 0) - AT(before, 0)), none + LEAST);
+    }
+    for (int l = 0; l < w.parts; l += 16) {
+        alignas(64) float L0[16], D0[16], L1[16], D1[16];
+        for (int n = 0; n < 16; ++n) {
+            const int i = l + n < w.parts ? l + n : l;
+            L0[n] = w.L[w.from[i]];
+            D0[n] = w.D[w.from[i]];
+            L1[n] = w.L[w.to[i]];
+            D1[n] = w.D[w.to[i]];
+        }
+        // Emission of 1 over an optical depth D in light whose logarithm is linear in it.
+        const vf D = AT(w.part[3], l), l0 = AT(L0, 0), l1 = AT(L1, 0), d0 = AT(D0, 0), d1 = AT(D1, 0);
+        const vf y = ABS(D + d1 - d0 + logarithm(l0 / l1));
+        const vf most = MORE(l0 * (1.0f - absorbed(d0)), l1 * (1.0f - absorbed(d1 + D)));
+        const vf seen = D * most * (y < 1.0e-4f ? none + 1.0f : absorbed(y) / MORE(y, none + 1.0e-4f));
+        for (int c = 0; c < 3; ++c) AT(w.part[c], l) *= seen;
+        for (int n = 0; n < 16 && l + n < w.parts; ++n)
+            for (int c = 0; c < 3; ++c) shone[c][w.lane[l + n]] += w.part[c][l + n];
+    }
+    for (int n = 0; n < 16; ++n) {
+        const int i = w.ends[n];
+        w.L[n] = w.L[i];
+        w.D[n] = w.D[i];
+        w.ends[n] = n;
+    }
+    w.places = 16;
+    w.parts = 0;
+};
+"""
+
+# Which parts of each ray there may be something to see in, block by block: numbers of the places that they are between.
+WALK = """
+#define GIVEN(m) (*(const vf*)(given + 16 * (m)))
+#define FLOOR __builtin_elementwise_floor
+#define CEIL __builtin_elementwise_ceil
+#define INT(a) __builtin_convertvector(a, vi)
+#define FLOAT(a) __builtin_convertvector(a, vf)
+const vf o[3] = {GIVEN(0), GIVEN(1), GIVEN(2)}, d[3] = {GIVEN(3), GIVEN(4), GIVEN(5)};
+const vf length = GIVEN(6), t0 = GIVEN(7), part = GIVEN(8) * (1.0f / (float)sweep.parts), rate = 1.0f / part;
+const vf last = none + (float)(count * sweep.parts), stop = LESS(length, t0 + last * part), FAR = none + 1.0e30f;
+vf inverse[3];
+for (int c = 0; c < 3; ++c) inverse[c] = 1.0f / d[c];
+const int bx = octants.shape[3], by = octants.shape[2];
+const vi way = ((d[0] > 0.0f) & 1) | ((d[1] > 0.0f) & 2) | ((d[2] > 0.0f) & 4);
+alignas(64) const uint8_t* ahead[16];
+for (int l = 0; l < 16; ++l) ahead[l] = octants.data + (int64_t)way[l] * octants.shape[1] * by * bx;
+#define AT_INT(a) (*(vi*)(a))
+const vf number = __builtin_convertvector((vi){0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15}, vf);
+// Of each ray; parts are listed from next to until.
+alignas(64) float places[16][FIRST + PLACES + 32], next[16], until[16], gone[16], plain[3][16] = {}, looked[16] = {};
+alignas(64) int many[16];
+vf t = MORE(t0, none);
+vi on = stop > t;
+AT(next, 0) = AT(until, 0) = MORE(FLOOR(-t0 * rate), none);
+AT(gone, 0) = GIVEN(13);
+// More of them, as many as there is room for: whether there is still some.
+auto list = [&](int l) -> bool {
+    float* to = places[l] + FIRST;
+    float k = next[l];
+    int n = many[l], more = (int)(until[l] - k);
+    const int fresh = (more > 0) & (to[n - 1] != k);
+    to[n] = k;  // which is there already if it is not fresh, or is of no part
+    n += fresh;
+    while (more > 16 && n < PLACES) {
+        *(vf*)(to + n) = k + 1.0f + number;
+        n += 16;
+        k += 16.0f;
+        more -= 16;
+    }
+    if (n < PLACES) {
+        *(vf*)(to + n) = k + 1.0f + number;
+        n += more;
+        k = until[l];
+    }
+    next[l] = k;
+    many[l] = n;
+    return n < PLACES;
+};
+auto walk = [&]() {
+    vi walks = on;
+    for (int l = 0; l < 16; ++l) {
+        many[l] = 0;
+        places[l][FIRST - 1] = -9.0f;
+        if (next[l] < until[l] && !list(l)) walks[l] = 0;
+    }
+    walks &= t < stop;
+    while (bits(walks)) {
+        const vi asked = walks;
+        vi b[3];
+        for (int c = 0; c < 3; ++c) b[c] = MORE(LESS(INT(o[c] + t * d[c]), first + field.last[c]), first) >> 2;
+        alignas(64) int of[16], kind[16];
+        AT_INT(of) = (b[2] * by + b[1]) * bx + b[0];
+        for (int l = 0; l < 16; ++l) kind[l] = ahead[l][of[l]];
+        const vi empty = (AT_INT(kind) != 0) & (AT_INT(kind) != FULL), full = walks & ~empty;
+        const vi reach = empty ? AT_INT(kind) : first + 1;
+        vf leave = FAR;
+        for (int c = 0; c < 3; ++c) {
+            const vi face = (d[c] > 0.0f ? b[c] + reach : b[c] + 1 - reach) << 2;
+            leave = d[c] != 0.0f ? LESS(leave, (FLOAT(face) - o[c]) * inverse[c]) : leave;
+        }
+        leave = LESS(MORE(leave, t), stop);
+        unsigned m = bits(full);
+        if (m) {
+            const vf from = MORE(AT(next, 0), FLOOR((t - MORE(none + OUTSIDE, t * 4.0e-7f) - t0) * rate));
+            AT(next, 0) = full ? from : AT(next, 0);
+            AT(until, 0) = full ? LESS(CEIL((leave - t0) * rate), last) : AT(until, 0);
+            for (; m; m &= m - 1) {
+                const int l = __builtin_ctz(m);
+                if (!list(l)) walks[l] = 0;
+            }
+        }
+        // Which is another number however long rays are.
+        t = asked ? leave + MORE(none + OUTSIDE, leave * 3.0e-7f) : t;
+        walks &= t < stop;
+    }
+};
+"""
+
+# What a ray makes of its parts.
+LOOK = """
+// The numbers before those of a, the first of which is of b.
+#define BEHIND(a, b) __builtin_shufflevector(a, b, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14)
+const float in_parts = 1.0f / (float)sweep.parts;
+alignas(64) float even[16];
+AT(even, 0) = none - 2.0f;
+alignas(64) float traced[16];
+AT(traced, 0) = none - 2.0f;
+auto look = [&](int l) -> bool {
+    const int n = many[l];
+    const float* k = places[l] + FIRST;
+    auto of = [&](int m) -> float { return given[16 * m + l]; };
+    const float begin = t0[l], h = part[l], apart = of(8), u0 = of(9), v0 = of(10), du = of(11), dv = of(12);
+    const float rise = (float)turn / apart;
+    alignas(64) float where[PLACES + 32], x[PLACES + 32];
+    alignas(64) int row[PLACES + 32];
+    for (int i = 0; i < n; i += 16) {
+        const vf t = LESS(MORE(begin + *(const vf*)(k + i) * h, none), none + of(6));
+        vi r;
+        *(vf*)(where + i) = t;
+        *(vf*)(x + i) = at(scalars(of(0) + t * of(3), of(1) + t * of(4), of(2) + t * of(5)), r);
+        *(vi*)(row + i) = r;
+    }
+    vf sums[4] = {};  // colour, parts
+    float opacity = gone[l];
+    bool goes = true;
+    for (int i = 0; i + 1 < n && goes; i += 16) {
+        const vf k0 = *(const vf*)(k + i), a = *(const vf*)(where + i);
+        const vi valid = number < (float)(n - 1 - i), is = valid & (*(const vf*)(k + i + 1) == k0 + 1.0f);
+        // Behind the last there is anything at all.
+        const vf b = is ? *(const vf*)(where + i + 1) : a;
+        vf q[4];
+        looks_up(row + i, x + i, is, q);
+        const vf tau = is ? MORE(q[3], none) : none, D = tau * (b - a), A = absorbed(D);
+        if (!bits(tau > 0.0f)) {
+            sums[3] += is ? none + 1.0f : none;
+            continue;
+        }
+        // What is left of light before each.
+        vf left = 1.0f - A;
+#define BEFORE(a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p) \
+    left *= __builtin_shufflevector(left, none + 1.0f, a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p)
+        left = BEHIND(left, none + 1.0f);
+        BEFORE(16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14);
+        BEFORE(16, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13);
+        BEFORE(16, 16, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11);
+        BEFORE(16, 16, 16, 16, 16, 16, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7);
+        const vf clear = left * (1.0f - opacity);
+        const vi lasts = clear >= least, seen = (tau > 0.0f) & lasts;
+        sums[3] += is & lasts ? none + 1.0f : none;
+        const vf dense = LESS(MORE(D * clear * (1.0f / FAINT) - 1.0f, none), none + 1.0f);
+        const vf one = clear / tau;
+        const vf color[3] = {seen ? q[0] * one : none, seen ? q[1] * one : none, seen ? q[2] * one : none};
+        const unsigned thin = bits(seen & (dense < 1.0f)), deep = bits(seen & (dense > 0.0f));
+        if (thin) {
+            // Light of slices, linear between them: from each part that begins in another slab on.
+            const vf slab = FLOOR((k0 + 0.5f) * in_parts), t = begin + slab * apart, u = u0 + t * du, v = v0 + t * dv;
+            const vf was = BEHIND(slab, none + even[l]);
+            alignas(64) float slabs[16], us[16], vs[16], before[32], behind[32];
+            AT(slabs, 0) = slab;
+            AT(us, 0) = u;
+            AT(vs, 0) = v;
+            AT(before, 0) = none + near[l];
+            AT(behind, 0) = none + far[l];
+            float number = even[l], from = near[l], to = far[l];
+            for (unsigned m = bits((slab != was) & valid); m; m &= m - 1) {
+                const int j = __builtin_ctz(m), of = slice + turn * (int)slabs[j];
+                from = slabs[j] == number + 1.0f ? to : light(of, us[j], vs[j]);
+                to = light(of + turn, us[j] + apart * du, vs[j] + apart * dv);
+                number = slabs[j];
+                AT(before, j) = none + from;
+                AT(behind, j) = none + to;
+            }
+            even[l] = number;
+            near[l] = from;
+            far[l] = to;
+            const vf share = (0.5f * (a + b) - t) / apart;
+            const vf L = AT(before, 0) + share * (AT(behind, 0) - AT(before, 0));
+            const vf B = seen ? (1.0f - dense) * A * L : none;
+            for (int c = 0; c < 3; ++c) shone[c][l] += sum(B * color[c]);
+        }
+        if (deep) {
+            Waiting& w = waiting;
+            alignas(64) float parts[4][16];
+            for (int c = 0; c < 3; ++c) AT(parts[c], 0) = color[c] * dense;
+            AT(parts[3], 0) = D;
+            auto asked = [&](float t) -> int {
+                const int j = w.places++;
+                for (int c = 0; c < 3; ++c) w.place[c][j] = of(c) + t * of(3 + c);
+                w.place[3][j] = u0 + t * du;
+                w.place[4][j] = v0 + t * dv;
+                w.place[5][j] = (float)slice + rise * (t - begin);
+                return w.ends[l] = j;
+            };
+            for (unsigned m = deep; m; m &= m - 1) {
+                const int j = __builtin_ctz(m), to = w.parts++;
+                w.from[to] = traced[l] == k[i + j] ? w.ends[l] : asked(where[i + j]);
+                w.to[to] = asked(where[i + j + 1]);
+                w.lane[to] = l;
+                for (int c = 0; c < 4; ++c) w.part[c][to] = parts[c][j];
+                traced[l] = k[i + j] + 1.0f;
+            }
+            if (w.places > POINTS - 16) trace();
+        }
+        for (int c = 0; c < 3; ++c) sums[c] += A * color[c];
+        opacity += sum(seen ? clear * A : none);
+        goes = 1.0f - opacity >= least;
+    }
+    for (int c = 0; c < 3; ++c) plain[c][l] += sum(sums[c]);
+    looked[l] += sum(sums[3]);
+    gone[l] = opacity;
+    return goes;
+};
+while (bits(on)) {
+    walk();
+    for (unsigned m = bits(on); m; m &= m - 1) {
+        const int l = __builtin_ctz(m);
+        if (!look(l) || (!(next[l] < until[l]) && !(t[l] < stop[l]))) on[l] = 0;
+    }
+}
+trace();
+float* out = found.data;
+for (int l = 0; l < 16; ++l) {
+    for (int c = 0; c < 3; ++c) {
+        out[16 * c + l] = plain[c][l];
+        out[16 * (3 + c) + l] = shone[c][l];
+    }
+    out[16 * 6 + l] = gone[l];
+    out[16 * 7 + l] = looked[l];
+}
+"""
+
+
+@wp.struct
+class Task:
+    """Which light rays pass, and how they end."""
+
+    octants: wp.array4d(dtype=wp.uint8)  # as of ``strides``
+    low: wp.vec3d  # the box of all that there is to see
+    high: wp.vec3d
+    slice: int  # of the stack, at which the first slab begins
+    turn: int  # from one to the next
+    count: int  # of slabs
+    least: wp.float32  # where less is seen of rays they end
+
+
+@cache
+def make_eyes(dtype, faint, least):
+    """``look(field, table, sweep, stack, task, rays, found)``, of samples of a ``dtype``: ``LANES`` rays through slabs
+    of the light of the ``stack``. ``rays`` are (GIVEN, LANES), those without a length left out; what they have come to
+    is ``found`` (FOUND, LANES). Tissue is ``faint`` up to an optical depth, and light at ``least``, as of ``slices``.
+    """
+    Field = make_samples(dtype)
+    Table, _ = make_table(wp.float32)
+    text = TASK + wide(scalars_of(dtype) + ENTRIES + ABSORBED + INSIDE, LANES)
+    text += NUMBERS + LOOKUP + LIGHT + TRACED + WALK + LOOK
+    numbers = {"POINTS": 128, "PLACES": 32, "FIRST": 16, "FAINT": f"{faint}f", "LEAST": f"{least}f", "FULL": FULL}
+    numbers |= {"OUTSIDE": f"{OUTSIDE}f"}
+    for name, value in numbers.items():
+        text = text.replace(name, str(value))
+
+    @wp.func_native(VECTORS + text)
+    def look(
+        field: Field,
+        table: Table,
+        sweep: Sweep,
+        stack: wp.array3d(dtype=wp.float32),
+        task: Task,
+        rays: wp.array2d(dtype=wp.float32),
+        found: wp.array2d(dtype=wp.float32),
+    ): ...
+
+    return look
