@@ -150,7 +150,7 @@ def make_raycast(halves):
 
     # On GPUs one ray a thread, without a loop around it: what might be left of the ray before would keep registers. Two
     # blocks a multiprocessor leave 128 of them.
-    bounds_of = (256, 2) if leaves and not halves.cuts.any else None
+    bounds_of = (256, 2) if leaves and not halves.cuts.any and halves.light is None else None
 
     @wp.kernel(enable_backward=False, module="unique", grid_stride=False, launch_bounds=bounds_of)
     def raycast(

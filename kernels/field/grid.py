@@ -8,6 +8,7 @@ from .climb import make_climb
 from .cubics import make_centered as make_centered_of
 from .cubics import make_cubics, make_cubics_one_by_one
 from .gradients import make_gradients
+from .incline import make_incline
 from .narrow import make_narrow
 from .peaks import make_seek
 from .samples import make_differences, make_samples, make_value
@@ -70,3 +71,7 @@ class Grid:
     def gradients(self, kind: str) -> Any:
         """``gradients`` of ``field.gradients``, of many cells; ``kind`` is as of ``differences``."""
         return make_gradients(self.dtype, kind == "central")
+
+    def incline(self, kind: str) -> Any:
+        """``incline`` of ``field.incline``, of a cell in single precision."""
+        return make_incline(self.dtype, kind == "central")

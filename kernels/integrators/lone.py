@@ -11,6 +11,8 @@ import warp as wp
 
 from ..field.narrow import FACE_ULPS
 from ..field.ticks import make_ticks, narrowed
+from ..light.glow import Surface, Thin, make_glow
+from ..light.points import make_shading
 from ..ray import LEAVE
 from ..transfer.rows import number
 from .packed import ASTRAY
@@ -77,14 +79,19 @@ class Seen:
 
 @cache
 def make_lone(halves):
-    """The march, as of ``scene``, without light; what it counts are cells and pieces."""
+    """The march, as of ``scene``; what it counts are cells and pieces."""
     real = wp.float32
     Scene = halves.Scene
     enter, pass_one = make_ticks()
     narrow = halves.field.narrow()
     centered = halves.field.centered()
     by_rows = make_rowed()
-    cut = make_parts()
+    lighted = halves.light is not None
+    clipped = halves.cuts.clipped
+    cut = make_parts(lighted, clipped)
+    incline = halves.field.incline(halves.light.gradient) if lighted else None
+    surface_of, glow = make_glow(clipped)
+    eye_of = make_shading(halves).eye
 
     @wp.func
     def march(scene: Scene, origin: wp.vec3d, direction: wp.vec3d, begin: wp.float64, end: wp.float64):
@@ -102,6 +109,18 @@ def make_lone(halves):
         if scene.view.astray > wp.float64(ASTRAY):
             # Further than what single precision has room for (S1).
             ray.left_over = 1
+        eye = wp.vec3()
+        turned = wp.vec3()
+        long = real(0.0)
+        tolerance = real(0.0)
+        if wp.static(lighted):
+            towards = eye_of(scene, direction)
+            eye = wp.vec3(once(towards[0]), once(towards[1]), once(towards[2]))
+            tolerance = once(scene.march.tolerance)
+            if wp.static(clipped):
+                normal = scene.light.cut
+                turned = wp.vec3(once(normal[0]), once(normal[1]), once(normal[2]))
+                long = walk.tick * wp.length(d)
         while walk.t < walk.end and ray.T >= clear and ray.left_over == 0:
             walk, here = pass_one(scene.blocks, walk)
             if here.found != 0:
@@ -114,18 +133,30 @@ def make_lone(halves):
                 left = spend[0] * (real(1.0) - T) + spend[1] * (narrowed(here.start) * walk.tick)
                 left = real(0.99) * (left - ray.bound.high) / T
                 over = real(wp.static(LEFT)) * wp.max(left, real(0.0))
+                surface = Surface()
+                if wp.static(lighted):
+                    surface = surface_of(scene.light, incline(scene.field, here.cell, here.middle, c.h * d))
+                    surface.eye = eye
+                    surface.tolerance = tolerance
+                    surface.T = T
+                    if wp.static(clipped):
+                        surface.cut = turned
+                        surface.behind = real(0.5) * narrowed(here.start + here.stop) * long
+                        surface.reach = real(0.5) * narrowed(here.stop - here.start) * long
                 if one.fine or one.e <= spend[0] * one.A + spend[1] * L + over:
-                    TA = T * one.A
-                    TV = T * one.V + TA * one.off
-                    ray.red = plus(
-                        ray.red, TA * number(scene.march.rows, row, 8) + TV * number(scene.march.rows, row, 12)
-                    )
-                    ray.green = plus(
-                        ray.green, TA * number(scene.march.rows, row, 9) + TV * number(scene.march.rows, row, 13)
-                    )
-                    ray.blue = plus(
-                        ray.blue, TA * number(scene.march.rows, row, 10) + TV * number(scene.march.rows, row, 14)
-                    )
+                    rows = scene.march.rows
+                    slope = wp.vec3(number(rows, row, 12), number(rows, row, 13), number(rows, row, 14))
+                    plain = wp.vec3(number(rows, row, 8), number(rows, row, 9), number(rows, row, 10))
+                    color = one.A * plain + (one.V + one.A * one.off) * slope
+                    if wp.static(lighted):
+                        if one.A > real(0.0):
+                            m = wp.vec3(c.m1, c.m2, c.m3)
+                            g = c.h * (number(rows, row, 3) + real(2.0) * one.off * number(rows, row, 4))
+                            whole = Thin(one.x, one.A, one.V, g, m, real(0.0), real(1.0))
+                            color = glow(surface, whole, plain + one.off * slope, slope)
+                    ray.red = plus(ray.red, T * color[0])
+                    ray.green = plus(ray.green, T * color[1])
+                    ray.blue = plus(ray.blue, T * color[2])
                     ray.bound = plus(ray.bound, T * one.e)
                     ray.depth = plus(ray.depth, one.x)
                 elif (c.mean + c.m1 + c.m2 + c.m3) - (c.mean + c.m1 + c.m2 + c.m3) == real(0.0):
@@ -137,8 +168,8 @@ def make_lone(halves):
                     j = here.cell[1]
                     k = here.cell[2]
                     p -= wp.vec3d(wp.float64(i), wp.float64(j), wp.float64(k))
-                    m = centered(scene.field, i, j, k, p, h * direction, wp.float64(1.0))
-                    part = cut(scene.march.rows, scene.transfer, spend, m, c.h)
+                    cubic = centered(scene.field, i, j, k, p, h * direction, wp.float64(1.0))
+                    part = cut(scene.march.rows, scene.transfer, spend, cubic, c.h, surface)
                     ray.count += part.pieces
                     if part.whole == 0 or not part.e <= spend[0] * part.A + spend[1] * L + over:
                         ray.left_over = 1

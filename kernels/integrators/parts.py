@@ -8,6 +8,7 @@ from functools import cache
 
 import warp as wp
 
+from ..light.glow import Surface, Thin, make_glow
 from ..transfer.function import make_transfer
 from ..transfer.rows import Rows, bin, knot, number
 from .crossings import ADDED, OPACITY_ULPS, ROUNDED
@@ -86,13 +87,14 @@ def make_thin():
 
 
 @cache
-def make_parts():
-    """``cut(rows, transfer, spend, m, h)`` -> ``Cut`` of the cubic ``m``, as of ``cell.make_centered``, of half a
-    length h.
+def make_parts(lighted=False, clipped=False):
+    """``cut(rows, transfer, spend, m, h, surface)`` -> ``Cut`` of the cubic ``m``, as of ``cell.make_centered``, of
+    half a length h; of rays that are ``lighted``, with a ``Surface``, and that clips cut or not.
     """
     real = wp.float32
     Transfer, _, _ = make_transfer(wp.float64)
     thin = make_thin()
+    glow = make_glow(clipped).glow
 
     @wp.func
     def interval_of(rows: Rows, s: wp.float64):
@@ -143,8 +145,10 @@ def make_parts():
         return wp.min(first, second), wp.max(first, second)
 
     @wp.func
-    def piece(rows: Rows, transfer: Transfer, spend: wp.vec3, m0: wp.float64, m: wp.vec3, h: real, c: Cut):
+    def piece(rows: Rows, transfer: Transfer, spend: wp.vec3, given: wp.vec4d, h: real, c: Cut, surface: Surface):
         """From where ``c`` is to where it stops, in its interval."""
+        m0 = given[0]
+        m = wp.vec3(real(given[1]), real(given[2]), real(given[3]))
         zero = real(0.0)
         k = c.k
         outer = rows.fitted - 1
@@ -186,14 +190,19 @@ def make_parts():
         result.x = x
         result.A = A
         result.e = e + rest
-        for n in range(3):
-            result.color[n] = A * (number(rows, k, 8 + n) + off * number(rows, k, 12 + n)) + V * number(rows, k, 12 + n)
+        slope = wp.vec3(number(rows, k, 12), number(rows, k, 13), number(rows, k, 14))
+        color = wp.vec3(number(rows, k, 8), number(rows, k, 9), number(rows, k, 10)) + off * slope
+        result.color = A * color + V * slope
+        if wp.static(lighted):
+            if A > zero:
+                lit = Thin(x, A, V, w * h * rate, wp.vec3(n1, n2, n3), mid, w)
+                result.color = glow(surface, lit, color, slope)
         good = rest + A * number(rows, k, 6) <= real(0.5) * (spend[0] * A + spend[1] * wide) + real(1.0e-11)
         result.good = wp.where(good and wide * d < real(0.25), 1, 0)
         return result
 
     @wp.func
-    def cut(rows: Rows, transfer: Transfer, spend: wp.vec3, middle: wp.vec4d, h: real):
+    def cut(rows: Rows, transfer: Transfer, spend: wp.vec3, middle: wp.vec4d, h: real, given: Surface):
         one = real(1.0)
         zero = real(0.0)
         m0 = middle[0]
@@ -230,7 +239,10 @@ def make_parts():
             good = bool(True)
             if c.stop > c.v:
                 if transfer.visible[c.k] == c.k:
-                    added = piece(rows, transfer, spend, m0, m, h, c)
+                    surface = given
+                    if wp.static(lighted):
+                        surface.T = T * given.T
+                    added = piece(rows, transfer, spend, middle, h, c, surface)
                     good = added.good != 0
                     if good:
                         c.color = c.color + T * added.color

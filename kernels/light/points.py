@@ -40,9 +40,35 @@ class Shading:
 
 
 @wp.struct
+class Lamp:
+    """A light in single precision, of a kind of ``KINDS``; colours are with the coefficients."""
+
+    kind: int
+    vector: wp.vec3
+    color: wp.vec3
+    glint: wp.vec3
+
+
+@wp.struct
+class Sheen:
+    """``Shading`` in single precision."""
+
+    ambient: wp.float32
+    diffuse: wp.float32
+    specular: wp.float32
+    shininess: wp.float32
+    steep: wp.float32  # what specular light changes by at most, a unit that a normal turns
+    faint: wp.float32
+
+
+@wp.struct
 class Lights:
     shading: Shading
     lights: wp.array(dtype=Light)
+    sheen: Sheen
+    lamps: wp.array(dtype=Lamp)
+    to_world: wp.mat33  # of ``shading``
+    rules: wp.array(dtype=wp.vec2)  # of ``glow.rules``
     cut: wp.vec3d  # normal of the clip that the stretch of the ray begins at, in world space, or 0
     cut_point: wp.vec3d  # and where that is
 

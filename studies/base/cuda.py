@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pkgutil
 import re
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from itertools import product
 from pathlib import Path
 from shutil import which
@@ -22,10 +24,16 @@ import numpy as np
 import warp as wp
 
 import wvr
+import wvr.checksum
 import wvr.frame
+import wvr.kernels
 import wvr.launch
 import wvr.probe
+import wvr.resident
+from wvr.bricks.frame import BrickedFrame
+from wvr.bricks.grid import Bricks
 from wvr.datasets.fields import blobs
+from wvr.field.samples import extremes
 from wvr.integrators import Integrator
 from wvr.kernels.field.strides import make_octants
 from wvr.light.lighting import MODES
@@ -119,6 +127,40 @@ def scenes(side: int = 6, pixels: int = 16) -> dict[str, partial[wvr.Image]]:
     return calls
 
 
+def others(side: int = 6, pixels: int = 16) -> dict[str, Callable[[], object]]:
+    """By name, what else asks for kernels: volumes in bricks, samples that are on a device, tables, scattering."""
+    samples = (blobs(side) // 2).astype(np.uint8)
+    volume = wvr.Volume(samples)
+    camera = wvr.Camera.fit(volume)
+    given: dict[str, Any] = {"camera": camera, "size": (pixels, pixels), "lighting": False, "memory_limit": "1 GiB"}
+    bricked = partial(wvr.render, volume, TF, **given)
+    labels = wvr.Segmentation((samples > 50).astype(np.uint8), {0: TF, 1: SMOOTH})
+    calls: dict[str, Callable[[], object]] = {
+        "bricks certified": bricked,
+        "bricks certified smooth": partial(wvr.render, volume, SMOOTH, **given),
+        "bricks lit": partial(wvr.render, volume, TF, **(given | {"lighting": wvr.Lighting()})),
+        "bricks labels": partial(wvr.render, volume, None, segmentation=labels, **given),
+        "bricks maximum": partial(bricked, integrator=wvr.Projection("max")),
+        "bricks mean": partial(bricked, integrator=wvr.Projection("mean")),
+        "bricks isosurface": partial(bricked, integrator=wvr.Isosurface([95])),
+        "scattering": partial(wvr.single_scattering, volume, TF, camera, (pixels, pixels), directions=1),
+    }
+    for name in ("riemann", "exact", "preintegrated", "adaptive preintegrated"):
+        calls[f"bricks {name}"] = partial(bricked, integrator=INTEGRATORS[name])
+    for dtype in DTYPES:
+        calls[f"on a device {dtype}"] = partial(extremes, wp.array(samples.astype(dtype), device="cpu"))
+    for generator in ("brute", "approximate"):
+        calls[f"table {generator}"] = partial(wvr.preintegrate, TF, 8, generator=generator)
+    return calls
+
+
+def ready_made() -> Iterator[wp.Kernel]:
+    """Kernels that are made for nothing in particular."""
+    names = [module.name for module in pkgutil.walk_packages(wvr.kernels.__path__, "wvr.kernels.")]
+    for module in (*map(import_module, names), wvr.checksum):
+        yield from (kernel for kernel in vars(module).values() if isinstance(kernel, wp.Kernel))
+
+
 @contextmanager
 def as_on_gpus() -> Iterator[None]:
     """A CPU casts rays as GPUs do: one a work item, without vectors."""
@@ -133,31 +175,45 @@ def as_on_gpus() -> Iterator[None]:
 
 @contextmanager
 def _asked_for(kernels: dict[wp.Kernel, str], name: str) -> Iterator[None]:
-    """Kernels that calls within would run on a GPU; rays are not cast."""
-    load = wvr.launch._load
+    """Kernels that calls within would run on a GPU; those of pixels are not run."""
+    load, launch = wvr.launch._load, wvr.launch.launch
 
-    def maker(make: Callable[[Any], wp.Kernel]) -> Callable[[Any], None]:
-        def made(halves: Any) -> None:
-            kernels.setdefault(make(halves), f"{name} again" if halves.again else name)
+    def asked(kernel: wp.Kernel, what: str) -> None:
+        if kernel not in HOST_ONLY:
+            kernels.setdefault(kernel, what)
+
+    def maker(make: Callable[[Any], wp.Kernel]) -> Callable[[Any], wp.Kernel]:
+        def made(halves: Any) -> wp.Kernel:
+            kernel = make(halves)
+            asked(kernel, f"{name} again" if halves.again else name)
+            return kernel
 
         return made
 
-    def cast(_: None, inputs: list[Any], *__: Any) -> None:
+    def launched(
+        kernel: wp.Kernel, items: int, inputs: list[Any], *rest: Any, view: Any = None, **options: Any
+    ) -> None:
+        if view is None:
+            launch(kernel, items, inputs, *rest, **options)
+            return
+        asked(kernel, f"{_key(kernel)}, {name}")
         for given in inputs:
             if isinstance(given, wp.array):
                 given.zero_()
 
     def loaded(kernel: wp.Kernel, alias: str, deep: bool) -> None:
-        if kernel not in HOST_ONLY:
-            kernels.setdefault(kernel, f"{kernel.key.rpartition('__')[2]}, {name}")
+        asked(kernel, f"{_key(kernel)}, {name}")
         load(kernel, alias, deep)
 
     with (
         patch.object(wvr.frame, "make_raycast", maker(wvr.frame.make_raycast)),
         patch.object(wvr.probe, "make_probing", maker(wvr.probe.make_probing)),
-        patch.object(wvr.frame, "launch_pixels", cast),
-        patch.object(wvr.probe, "launch_pixels", cast),
+        patch.object(wvr.launch, "launch", launched),
         patch.object(wvr.launch, "_load", loaded),
+        # Images stay on their device.
+        patch.object(wvr.resident, "stays", lambda device: True),
+        patch.object(wvr.frame, "stays", lambda device: True),
+        patch.object(BrickedFrame, "bricks", lambda self: Bricks.regular(self.scene.volume.dimensions, (4, 4, 4))),
         as_on_gpus(),
         catch_warnings(),
     ):
@@ -165,15 +221,23 @@ def _asked_for(kernels: dict[wp.Kernel, str], name: str) -> Iterator[None]:
         yield
 
 
+def _key(kernel: wp.Kernel) -> str:
+    return kernel.key.rpartition("__")[2]
+
+
 def kernels(names: list[str] | None = None) -> dict[wp.Kernel, str]:
-    """Of the scenes of these names, by default all: each kernel and the first that asks for it."""
+    """Each kernel, and the first scene that asks for it; of the scenes of these names, or of all, and of the rest."""
     found: dict[wp.Kernel, str] = {}
-    calls = scenes()
+    calls: dict[str, Callable[[], Any]] = {**scenes(), **others()}
     for name in calls if names is None else names:
         with _asked_for(found, name):
             image = calls[name]()
             if name == DEPTH:
                 image.depth()
+    if names is None:
+        for kernel in ready_made():
+            if kernel not in HOST_ONLY:
+                found.setdefault(kernel, _key(kernel))
     return found
 
 

@@ -13,6 +13,7 @@ from wvr.keep import Keeper
 from wvr.kernels.field.blocks import Blocks
 from wvr.kernels.field.ticks import make_ticks
 from wvr.kernels.integrators.parts import Cut, make_parts
+from wvr.kernels.light.glow import Surface
 from wvr.kernels.transfer.function import make_transfer
 from wvr.kernels.transfer.rows import Rows
 from wvr.launch import get_device
@@ -156,7 +157,7 @@ def cutting(
     h: wp.array(dtype=wp.float32),
     result: wp.array(dtype=Cut),
 ):
-    result[wp.tid()] = cut(rows, transfer, spend, cubic[wp.tid()], h[wp.tid()])
+    result[wp.tid()] = cut(rows, transfer, spend, cubic[wp.tid()], h[wp.tid()], Surface())
 
 
 cut = make_parts()

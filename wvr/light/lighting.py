@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import warp as wp
 
-from ..kernels.light.points import KINDS, Lights, Lit, Shading
+from ..kernels.light.glow import rules
+from ..kernels.light.points import KINDS, Lamp, Lights, Lit, Shading, Sheen
 from ..kernels.light.points import Light as LightStruct
 from ..validation import choice, define, integer, positive, real
 from .lights import Headlight, Light, light_list
@@ -134,13 +136,29 @@ class Lighting:
         shading.to_world = wp.mat33d(*(scale * np.linalg.inv(matrix[:3, :3]).T).ravel())
         shading.ahead = wp.mat33d(*matrix[:3, :3].ravel())
         shading.home = wp.vec3d(*matrix[:3, 3])
-        lights = []
+        sheen = Sheen()
+        for name in ("ambient", "diffuse", "specular", "shininess", "faint"):
+            setattr(sheen, name, getattr(shading, name))
+        # Next to 0 powers below 1 are steeper than anything.
+        sheen.steep = 1.6 * self.shininess**0.5 if self.shininess >= 1 else 1e30
+        lights, lamps = [], []
         for light in self.lights:
             lights.append(LightStruct())
-            lights[-1].kind = kinds.index(light.half)
-            lights[-1].vector = wp.vec3d(*light.vector)
+            lamps.append(Lamp())
+            lights[-1].kind = lamps[-1].kind = kinds.index(light.half)
+            lights[-1].vector, lamps[-1].vector = wp.vec3d(*light.vector), wp.vec3(*light.vector)
             lights[-1].color = wp.vec3d(*light.color)
+            lamps[-1].color = wp.vec3(*(self.diffuse * np.array(light.color)))
+            lamps[-1].glint = wp.vec3(*(self.specular * np.array(light.color)))
         result = Lights()
-        result.shading = shading
+        result.shading, result.sheen, result.to_world = shading, sheen, wp.mat33(shading.to_world)
         result.lights = wp.array(lights, dtype=LightStruct, device=device)
+        result.lamps = wp.array(lamps, dtype=Lamp, device=device)
+        result.rules = _rules(device.alias)
         return result
+
+
+@cache
+def _rules(device: str) -> wp.array:
+    """Those of ``kernels.light.glow``."""
+    return wp.array(rules(), dtype=wp.vec2, device=device)
