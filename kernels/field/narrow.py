@@ -48,6 +48,7 @@ class Narrow:
     m3: wp.float32
     h: wp.float32
     blur: wp.float32
+    most: wp.float32  # the largest difference of corners
 
 
 @cache
@@ -99,6 +100,7 @@ def make_narrow(dtype):
         result.m3 = e[0] * e[1] * e[2] * xyz
         result.mean = v0 + f[2] * dz + result.m2 * real(wp.static(1.0 / 3.0))
         result.h = h
+        result.most = wide
         result.blur = wide * ulps + wp.abs(c[0]) * c[8]
         return result
 

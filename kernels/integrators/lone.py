@@ -88,7 +88,8 @@ def make_lone(halves):
     by_rows = make_rowed()
     lighted = halves.light is not None
     clipped = halves.cuts.clipped
-    cut = make_parts(lighted, clipped)
+    sharp = halves.march.sharp
+    cut = make_parts(sharp, lighted, clipped)
     incline = halves.field.incline(halves.light.gradient) if lighted else None
     surface_of, glow = make_glow(clipped)
     eye_of = make_shading(halves).eye
@@ -103,6 +104,10 @@ def make_lone(halves):
         # In double precision there is nothing but that and the direction.
         start = origin + begin * direction
         ulps = real(wp.static(FACE_ULPS)) + real(9.0) * walk.blur
+        blurs = wp.vec2()
+        if wp.static(sharp):
+            # Of a scalar, in parts of the largest corner and of the range, and of where it is.
+            blurs = wp.vec2(once(scene.march.ulps[0]), once(scene.march.ulps[1] + wp.float64(3.0) * scene.view.astray))
         # All that changes is in structs: what is assigned in branches would keep registers for what is not there.
         ray = Seen()
         ray.T = real(1.0)
@@ -169,7 +174,10 @@ def make_lone(halves):
                     k = here.cell[2]
                     p -= wp.vec3d(wp.float64(i), wp.float64(j), wp.float64(k))
                     cubic = centered(scene.field, i, j, k, p, h * direction, wp.float64(1.0))
-                    part = cut(scene.march.rows, scene.transfer, spend, cubic, c.h, surface)
+                    blur = real(0.0)
+                    if wp.static(sharp):
+                        blur = blurs[0] * (wp.abs(c.base) + real(2.0) * c.most) + blurs[1] * (real(4.0) * c.most)
+                    part = cut(scene.march.rows, scene.transfer, spend, cubic, c.h, blur, surface)
                     ray.count += part.pieces
                     if part.whole == 0 or not part.e <= spend[0] * part.A + spend[1] * L + over:
                         ray.left_over = 1
@@ -189,7 +197,8 @@ def make_lone(halves):
         if scene.stretch == 0:
             # Of the ray as a whole.
             error += scene.march.veiled
-            error += wp.max(scene.view.astray - scene.march.allowed, wp.float64(0.0)) * scene.march.astray
+            if not wp.static(sharp):
+                error += wp.max(scene.view.astray - scene.march.allowed, wp.float64(0.0)) * scene.march.astray
         if ray.left_over != 0:
             error = LEAVE
         return wp.vec4d(total(ray.red), total(ray.green), total(ray.blue), opacity), ray.count, error

@@ -1,7 +1,7 @@
 """A cell in which the scalar reaches control points, of one ray, in single precision: as ``crossings`` has sixteen.
 
 Its cubic, and how far control points are from its middle, come from double precision, once; all else is single, with
-what that may be off by. Letters and numbers are those of docs/proof-single.md (S13, S14, S17).
+what that may be off by. Letters and numbers are those of docs/proof-single.md (S13, S14, S17, S22).
 """
 
 from functools import cache
@@ -10,7 +10,7 @@ import warp as wp
 
 from ..light.glow import Surface, Thin, make_glow
 from ..transfer.function import make_transfer
-from ..transfer.rows import Rows, bin, knot, number
+from ..transfer.rows import Rows, bin, jump, knot, number
 from .crossings import ADDED, OPACITY_ULPS, ROUNDED
 from .single import SERIES_ULPS, U, moments
 
@@ -45,6 +45,7 @@ class Cut:
     before: wp.float32  # how far the scalar is off the control point where it begins
     stop: wp.float32  # where it ends
     astray: wp.float32  # how far the scalar may be beyond the interval
+    ripple: wp.float32  # rounding of the scalar
     going: int
 
 
@@ -87,9 +88,10 @@ def make_thin():
 
 
 @cache
-def make_parts(lighted=False, clipped=False):
-    """``cut(rows, transfer, spend, m, h, surface)`` -> ``Cut`` of the cubic ``m``, as of ``cell.make_centered``, of
-    half a length h; of rays that are ``lighted``, with a ``Surface``, and that clips cut or not.
+def make_parts(sharp=False, lighted=False, clipped=False):
+    """``cut(rows, transfer, spend, m, h, blur, surface)`` -> ``Cut`` of the cubic ``m``, as of ``cell.make_centered``,
+    of half a length h and rounded by ``blur``; of transfer functions that are ``sharp`` or not, of rays that are
+    ``lighted``, with a ``Surface``, and that clips cut or not.
     """
     real = wp.float32
     Transfer, _, _ = make_transfer(wp.float64)
@@ -145,6 +147,48 @@ def make_parts(lighted=False, clipped=False):
         return wp.min(first, second), wp.max(first, second)
 
     @wp.func
+    def beyond(rows: Rows, k: int):
+        """What extinction and colour of an interval are off by where it is drawn a unit too far."""
+        if wp.static(sharp):
+            return jump(rows, k, 0), jump(rows, k, 1)
+        return number(rows, k, 11), number(rows, k, 15)
+
+    @wp.func
+    def near(m: wp.vec3, v: real, e: real):
+        """Length about v in which w is within e of what it is there, on a part that rises or falls (S22)."""
+        slope = wp.abs(m[0] + v * (real(2.0) * m[1] + v * (real(3.0) * m[2])))
+        bend = real(2.0) * wp.abs(m[1]) + real(6.0) * wp.abs(m[2])
+        if slope * slope > real(2.0) * bend * e:
+            times = wp.where(slope * slope > real(32.0) * bend * e, real(2.2), real(4.5))
+            return wp.min(times * e / slope, real(2.0))
+        least = real(2.0) * wp.abs(m[1]) - real(6.0) * wp.abs(m[2])
+        reach = real(2.0)
+        if least > real(0.0):
+            reach = wp.min(reach, real(4.5) * wp.sqrt(e / least))
+        if m[2] != real(0.0):
+            reach = wp.min(reach, real(4.5) * wp.cbrt(real(0.5) * e / wp.abs(m[2])))
+        return reach
+
+    @wp.func
+    def leapt(rows: Rows, spend: wp.vec3, k: int, upper: bool):
+        """What the jump at an end of interval k is, a unit of length."""
+        n = wp.where(upper, 4, 2)
+        return spend[2] * jump(rows, k, n) + jump(rows, k, n + 1)
+
+    @wp.func
+    def fuzzy(rows: Rows, spend: wp.vec3, m0: wp.float64, m: wp.vec3, v: real, c: Cut):
+        """What jumps may do where a part begins or ends next to one, a unit of half the length."""
+        total = real(0.0)
+        value = v * (m[0] + v * (m[1] + v * m[2]))
+        for side in range(2):
+            size = leapt(rows, spend, c.k, side == 1)
+            if size > real(0.0):
+                away = real(knot(rows, c.k + side) - m0) - value
+                if wp.abs(away) <= real(2.0) * c.ripple:
+                    total += size * near(m, v, real(4.0) * c.ripple)
+        return total
+
+    @wp.func
     def piece(rows: Rows, transfer: Transfer, spend: wp.vec3, given: wp.vec4d, h: real, c: Cut, surface: Surface):
         """From where ``c`` is to where it stops, in its interval."""
         m0 = given[0]
@@ -152,8 +196,7 @@ def make_parts(lighted=False, clipped=False):
         zero = real(0.0)
         k = c.k
         outer = rows.fitted - 1
-        size = wp.abs(m[0]) + wp.abs(m[1]) + wp.abs(m[2])
-        ripple = real(wp.static(RIPPLE)) * size
+        ripple = c.ripple
         w = real(0.5) * (c.stop - c.v)
         mid = real(0.5) * (c.stop + c.v)
         wide = real(2.0) * w * h
@@ -179,12 +222,13 @@ def make_parts(lighted=False, clipped=False):
         rest = steep * rest
         blur = ripple + (wp.abs(off) + wp.abs(from_center) + R) * real(wp.static(ROUNDED))
         # What it is off by, of where it is cut, of its ends, and the series.
-        over = c.astray * number(rows, k, 11)
+        fade, tint = beyond(rows, k)
+        over = c.astray * fade
         d = wp.where(line < zero, over + over, over) + wp.abs(rate) * ripple
         d += real(wp.static(LINE_ULPS)) * (least + wp.abs(from_knot * rate))
         e = (spend[2] + real(3.3) * steep * R) * wide * d
         e += (least + wp.abs(rate) * (wp.abs(from_knot) + R)) * h * real(wp.static(ENDS_ULPS)) * spend[2]
-        e += A * (number(rows, k, 6) + steep * blur + c.astray * number(rows, k, 15))
+        e += A * (number(rows, k, 6) + steep * blur + c.astray * tint)
         e += A * real(wp.static(OPACITY_ULPS)) * spend[2]
         result = Added()
         result.x = x
@@ -202,13 +246,15 @@ def make_parts(lighted=False, clipped=False):
         return result
 
     @wp.func
-    def cut(rows: Rows, transfer: Transfer, spend: wp.vec3, middle: wp.vec4d, h: real, given: Surface):
+    def cut(rows: Rows, transfer: Transfer, spend: wp.vec3, middle: wp.vec4d, h: real, blur: real, given: Surface):
         one = real(1.0)
         zero = real(0.0)
         m0 = middle[0]
         m = wp.vec3(real(middle[1]), real(middle[2]), real(middle[3]))
         size = wp.abs(m[0]) + wp.abs(m[1]) + wp.abs(m[2])
         ripple = real(wp.static(RIPPLE)) * size
+        if wp.static(sharp):
+            ripple += blur
         first, second = turns(m)
         outer = rows.fitted - 1
         value = -m[0] + m[1] - m[2]
@@ -219,6 +265,9 @@ def make_parts(lighted=False, clipped=False):
         c.final = first * (m[0] + first * (m[1] + first * m[2]))
         c.rises = wp.where(c.final > value, 1, 0)
         c.room = real(2.0)
+        c.ripple = ripple
+        if wp.static(sharp):
+            c.e = h * fuzzy(rows, spend, m0, m, -one, c)
         steps = int(0)
         # False for NaN.
         c.going = wp.where(size < real(1.0e12) and real(2.0) * ripple <= rows.narrow, 1, 0)
@@ -252,7 +301,8 @@ def make_parts(lighted=False, clipped=False):
                         c.pieces = c.pieces + 1
                 else:
                     # The scalar may be a little on the other side.
-                    c.e = c.e + T * spend[2] * ((c.stop - c.v) * h) * c.astray * number(rows, c.k, 11)
+                    fade, _tint = beyond(rows, c.k)
+                    c.e = c.e + T * spend[2] * ((c.stop - c.v) * h) * c.astray * fade
             if not good:
                 c.room = real(0.5) * (c.stop - c.v)
             else:
@@ -260,8 +310,19 @@ def make_parts(lighted=False, clipped=False):
                 c.before = behind
                 c.room = real(2.0)
                 if ends:
+                    if wp.static(sharp):
+                        if crosses:
+                            size = leapt(rows, spend, c.k, rises)
+                            if size > zero:
+                                c.e = c.e + h * size * near(m, c.stop, ripple + behind)
+                        else:
+                            c.e = c.e + h * fuzzy(rows, spend, m0, m, c.stop, c)
                     if crosses:
                         c.k = c.k + wp.where(rises, 1, -1)
+                        if wp.static(sharp):
+                            # Jumps have no length.
+                            while jump(rows, c.k, 0) < zero:
+                                c.k = c.k + wp.where(rises, 1, -1)
                     elif c.to < one:
                         # On to the next part.
                         value = c.final

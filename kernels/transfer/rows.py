@@ -8,6 +8,7 @@ class Rows:
     """Rows of a transfer function, as of ``wvr.transfer.rows``: of its intervals, then fitted ones."""
 
     row: wp.array2d(dtype=wp.float32)  # (n, 16)
+    jumps: wp.array2d(dtype=wp.float32)  # (n, 8) of intervals
     knots: wp.array(dtype=wp.float64)  # where intervals begin, of the transfer function
     # (n, 4): of equal bins from ``low`` on, the interval of the middle, and the first two numbers of its row
     bins: wp.array2d(dtype=wp.float32)
@@ -24,6 +25,12 @@ class Rows:
 @wp.func_native("return *(rows.row.data + 16 * (size_t)k + n);")
 def number(rows: Rows, k: int, n: int) -> wp.float32:
     """Number n of row k."""
+    ...
+
+
+@wp.func_native("return *(rows.jumps.data + 8 * (size_t)k + n);")
+def jump(rows: Rows, k: int, n: int) -> wp.float32:
+    """Number n of the jumps of interval k."""
     ...
 
 

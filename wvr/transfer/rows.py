@@ -45,6 +45,7 @@ class FittedRows(Part):
         result = Rows()
         table, bins, numbers = rows(knots, points.values, self.low, self.high)
         result.row = wp.array(table, dtype=wp.float32, device=keep.device)
+        result.jumps = wp.array(jumps(knots, points.values, numbers["narrow"]), dtype=wp.float32, device=keep.device)
         result.knots = transfer.knot
         result.bins = wp.array(bins, dtype=wp.float32, device=keep.device)
         for name, value in numbers.items():
@@ -89,6 +90,35 @@ def rows(
         "fitted": len(own),
     }
     return np.concatenate([own, fitted]), bins, numbers
+
+
+def jumps(knots: Floats, values: Floats, narrow: float) -> NDArray[np.float32]:
+    """(intervals, 8): what extinction and colour of an interval are off by where it is drawn a unit too far, were there
+    no jumps at its ends; what they jump by below it, colour times extinction, and above; rounded up. -1 in the first
+    place of an interval that is itself a jump; infinite beside one that is ``narrow``.
+    """
+    width = np.concatenate([[np.inf], np.diff(knots), [np.inf]])
+    at = np.concatenate([values[:1], values, values[-1:]])
+    step = np.abs(np.diff(at, axis=0))
+    step[:, :3] *= np.maximum(at[1:, 3:], at[:-1, 3:])
+    wide, none = np.flatnonzero(width > 0), np.flatnonzero(width == 0)
+    slope = np.diff(at, axis=0)[wide] / width[wide, None]
+    # Between an interval and the next: jumps, which are rounded as sums are, and a change of slopes.
+    pair = np.searchsorted(wide, none) - 1
+    sizes = np.zeros((len(wide) - 1, 2))
+    for column, size in enumerate((step[none, 3], step[none, :3].max(axis=1, initial=0.0))):
+        np.add.at(sizes[:, column], pair, size)
+    change = np.abs(np.diff(slope, axis=0))
+    change = np.stack([change[:, 3], change[:, :3].max(axis=1)], axis=-1)
+    change[np.minimum(width[wide[1:]], width[wide[:-1]]) <= 1.001 * narrow] = np.inf
+    table = np.zeros((len(width), 8))
+    table[none, 0] = -1
+    table[wide[1:], 2:4], table[wide[:-1], 4:6] = sizes, sizes
+    off = np.pad(change, ((1, 1), (0, 0)))
+    table[wide, :2] = np.maximum(off[1:], off[:-1])
+    table[wide, 0] += np.abs(slope[:, 3])
+    with np.errstate(over="ignore"):
+        return (table * (1 + 2.0**-20)).astype(np.float32)
 
 
 def _lines(ends: Floats, at: Floats) -> NDArray[np.float32]:
