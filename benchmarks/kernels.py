@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from rich.table import Table
 import wvr
 from studies.base import cuda, ptx
 from studies.base.rows import text, write_rows
-from studies.base.scenes import make_scene
+from studies.base.scenes import Scene, make_scene
 from studies.cuda import rows_of
 
 from .scenes import make_scenes
@@ -34,11 +35,22 @@ GROWTH = {
     "stack [bytes]": (0.05, 16.0),
     "spills [bytes]": (0.05, 16.0),
 }
+CERTIFIED = "Certified(1/512)"
 INTEGRATORS = {
-    "Certified(1/512)": wvr.Certified(1 / 512),
+    CERTIFIED: wvr.Certified(1 / 512),
     "Riemann(0.5)": wvr.Riemann(0.5),
     "Preintegrated(1)": wvr.Preintegrated(1.0),
 }
+JUMPS = wvr.TransferFunction(
+    [
+        (0, "black", 0.0),
+        (120, "navy", 0.0),
+        (120, "teal", 0.02),
+        (200, "gold", 0.05),
+        (200, "white", 0.2),
+        (255, "white", 0.3),
+    ]
+)
 # Pixels along a side of images whose instructions are counted.
 PIXELS = 64
 
@@ -80,28 +92,34 @@ def executed() -> Iterator[Row]:
     """Of each integrator and scene: the image by CUDA's code beside the usual one, and what it took for a pixel."""
     if not ptx.has_compiler():
         return
-    scenes = [scene for scene in make_scenes() if not scene.camera.parallel] + [make_scene("Bonsai", False)]
+    scenes = [scene for scene in make_scenes() if not scene.camera.parallel]
+    cases: list[tuple[Scene, str, dict[str, Any]]] = [
+        (scene, name, {}) for name in INTEGRATORS for scene in [*scenes, make_scene("Bonsai", False)]
+    ]
+    sharp = replace(scenes[0], name="S1, two jumps", transfer_function=JUMPS)
+    cases += [(scenes[0], CERTIFIED, {"lighting": wvr.Lighting()}), (sharp, CERTIFIED, {})]
     launches: dict[str, Counter[str]] = {}
     with ptx.cast_by_cuda(launches) as usual:
-        for name, integrator in INTEGRATORS.items():
-            for scene in scenes:
-                launches.clear()
-                renderer = scene.renderer(integrator, device="cpu")
-                image = renderer.render(scene.camera, (PIXELS, PIXELS))
-                with usual():
-                    reference = renderer.render(scene.camera, (PIXELS, PIXELS))
-                    exact = scene.renderer(wvr.Exact(), device="cpu").render(scene.camera, (PIXELS, PIXELS))
-                total = sum(launches.values(), Counter())
-                error = np.abs(image.rgba - exact.rgba).max(axis=-1)
-                bounded = image.error_bound is not None
-                yield {
-                    "kernel": f"{scene.name} {name}",
-                    "off the CPU": float(np.abs(image.rgba - reference.rgba).max()),
-                    "off exact": float(error.max()),
-                    "bounds broken": int(np.sum(error > image.error_bound)) if bounded else None,
-                    "instructions": sum(total.values()) / image.samples.size,
-                    "float64 [%]": 100 * ptx.float64(total),
-                }
+        for scene, name, options in cases:
+            launches.clear()
+            renderer = scene.renderer(INTEGRATORS[name], device="cpu", **options)
+            image = renderer.render(scene.camera, (PIXELS, PIXELS))
+            with usual():
+                reference = renderer.render(scene.camera, (PIXELS, PIXELS))
+                exact = scene.renderer(wvr.Exact(), device="cpu", **options).render(scene.camera, (PIXELS, PIXELS))
+            total = sum(launches.values(), Counter())
+            off = np.abs(image.rgba - exact.rgba)
+            # With light the bound is that of opacity.
+            error = off[..., 3 if options else 0 :].max(axis=-1)
+            bounded = image.error_bound is not None
+            yield {
+                "kernel": f"{scene.name}{', lit' if options else ''} {name}",
+                "off the CPU": float(np.abs(image.rgba - reference.rgba).max()),
+                "off exact": float(off.max()),
+                "bounds broken": int(np.sum(error > image.error_bound)) if bounded else None,
+                "instructions": sum(total.values()) / image.samples.size,
+                "float64 [%]": 100 * ptx.float64(total),
+            }
 
 
 def recorded(name: str) -> list[Row]:
