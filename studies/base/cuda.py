@@ -133,20 +133,15 @@ def others(side: int = 6, pixels: int = 16) -> dict[str, Callable[[], object]]:
     volume = wvr.Volume(samples)
     camera = wvr.Camera.fit(volume)
     given: dict[str, Any] = {"camera": camera, "size": (pixels, pixels), "lighting": False, "memory_limit": "1 GiB"}
-    bricked = partial(wvr.render, volume, TF, **given)
     labels = wvr.Segmentation((samples > 50).astype(np.uint8), {0: TF, 1: SMOOTH})
+    bricked = partial(wvr.render, volume, TF, **given)
     calls: dict[str, Callable[[], object]] = {
-        "bricks certified": bricked,
-        "bricks certified smooth": partial(wvr.render, volume, SMOOTH, **given),
+        "bricks smooth": partial(wvr.render, volume, SMOOTH, **given),
         "bricks lit": partial(wvr.render, volume, TF, **(given | {"lighting": wvr.Lighting()})),
         "bricks labels": partial(wvr.render, volume, None, segmentation=labels, **given),
-        "bricks maximum": partial(bricked, integrator=wvr.Projection("max")),
-        "bricks mean": partial(bricked, integrator=wvr.Projection("mean")),
-        "bricks isosurface": partial(bricked, integrator=wvr.Isosurface([95])),
+        "bricks adaptive preintegrated": partial(bricked, integrator=INTEGRATORS["adaptive preintegrated"]),
         "scattering": partial(wvr.single_scattering, volume, TF, camera, (pixels, pixels), directions=1),
     }
-    for name in ("riemann", "exact", "preintegrated", "adaptive preintegrated"):
-        calls[f"bricks {name}"] = partial(bricked, integrator=INTEGRATORS[name])
     for dtype in DTYPES:
         calls[f"on a device {dtype}"] = partial(extremes, wp.array(samples.astype(dtype), device="cpu"))
     for generator in ("brute", "approximate"):
