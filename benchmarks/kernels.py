@@ -21,7 +21,7 @@ from rich.table import Table
 import wvr
 from studies.base import cuda, ptx
 from studies.base.rows import text, write_rows
-from studies.base.scenes import Scene, make_scene
+from studies.base.scenes import make_scene
 from studies.cuda import rows_of
 
 from .scenes import make_scenes
@@ -93,29 +93,25 @@ def executed() -> Iterator[Row]:
     if not ptx.has_compiler():
         return
     scenes = [scene for scene in make_scenes() if not scene.camera.parallel]
-    cases: list[tuple[Scene, str, dict[str, Any]]] = [
-        (scene, name, {}) for name in INTEGRATORS for scene in [*scenes, make_scene("Bonsai", False)]
-    ]
     sharp = replace(scenes[0], name="S1, two jumps", transfer_function=JUMPS)
-    cases += [(scenes[0], CERTIFIED, {"lighting": wvr.Lighting()}), (sharp, CERTIFIED, {})]
+    cases = [(scene, name) for name in INTEGRATORS for scene in [*scenes, make_scene("Bonsai", False)]]
+    cases.append((sharp, CERTIFIED))
     launches: dict[str, Counter[str]] = {}
     with ptx.cast_by_cuda(launches) as usual:
-        for scene, name, options in cases:
+        for scene, name in cases:
             launches.clear()
-            renderer = scene.renderer(INTEGRATORS[name], device="cpu", **options)
+            renderer = scene.renderer(INTEGRATORS[name], device="cpu")
             image = renderer.render(scene.camera, (PIXELS, PIXELS))
             with usual():
                 reference = renderer.render(scene.camera, (PIXELS, PIXELS))
-                exact = scene.renderer(wvr.Exact(), device="cpu", **options).render(scene.camera, (PIXELS, PIXELS))
+                exact = scene.renderer(wvr.Exact(), device="cpu").render(scene.camera, (PIXELS, PIXELS))
             total = sum(launches.values(), Counter())
-            off = np.abs(image.rgba - exact.rgba)
-            # With light the bound is that of opacity.
-            error = off[..., 3 if options else 0 :].max(axis=-1)
+            error = np.abs(image.rgba - exact.rgba).max(axis=-1)
             bounded = image.error_bound is not None
             yield {
-                "kernel": f"{scene.name}{', lit' if options else ''} {name}",
+                "kernel": f"{scene.name} {name}",
                 "off the CPU": float(np.abs(image.rgba - reference.rgba).max()),
-                "off exact": float(off.max()),
+                "off exact": float(error.max()),
                 "bounds broken": int(np.sum(error > image.error_bound)) if bounded else None,
                 "instructions": sum(total.values()) / image.samples.size,
                 "float64 [%]": 100 * ptx.float64(total),

@@ -63,6 +63,17 @@ def test_dlpack():
     np.testing.assert_array_equal(volume.numpy(), PLAIN)
 
 
+def test_arrays_on_gpus_are_asked_on_which():
+    """By DLPack: the other protocol, which most have as well, does not say."""
+
+    class Two(Exported):
+        @property
+        def __cuda_array_interface__(self):
+            return {"shape": (1,), "typestr": "<f4", "data": (0, True), "version": 3}
+
+    np.testing.assert_array_equal(wvr.Volume(Two(PLAIN.copy())).numpy(), PLAIN)
+
+
 def test_world():
     angle = 0.3
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])

@@ -446,7 +446,7 @@ def _as_data(array: Any, axes: Axes) -> tuple[Any, bool]:
 
 
 def _from_device(array: Any) -> Any:
-    """NumPy or Warp array of anything else: Warp's own, CUDA array interface, DLPack, then whatever NumPy takes."""
+    """NumPy or Warp array of anything else: Warp's own, DLPack, CUDA array interface, then whatever NumPy takes."""
     if type(array).__module__.startswith("warp"):
         return _host_view(array)
     if hasattr(array, "__cuda_array_interface__") or hasattr(array, "__dlpack__"):
@@ -454,9 +454,10 @@ def _from_device(array: Any) -> Any:
             array = array.detach()
         get_device()  # nothing is shared with a Warp that is not initialised
         try:
-            if hasattr(array, "__cuda_array_interface__"):
-                return wp.array(array, copy=False)
-            return _host_view(wp.from_dlpack(array))
+            if hasattr(array, "__dlpack__"):
+                return _host_view(wp.from_dlpack(array))
+            # This does not say on which of several GPUs it is: on Warp's default.
+            return wp.array(array, copy=False)
         except Exception as error:
             raise TypeError(f"array of type {type(array).__name__} could not be shared with Warp: {error}") from error
     return any_array(array, "array")
