@@ -58,14 +58,20 @@ def warm_up(
         raise TypeError(f"shadows must be True, False or a ConvolutionShadows, got {shadows!r}")
     shade = shadows if isinstance(shadows, ConvolutionShadows) else ConvolutionShadows() if shadows else None
     samples = np.linspace(0, 100, 6**3).reshape(6, 6, 6)
-    tf = TransferFunction([(0, "black", 0.0), (30, "red", 0.0), (100, "white", 0.5)])
+    # Certified images of what is gentle, and of jumps or what is steep as a colour map that ends opaque, have a kernel
+    # each.
+    functions = (
+        TransferFunction([(0, "black", 0.0), (30, "red", 0.0), (100, "white", 0.5)]),
+        TransferFunction([(0, "black", 0.0), (50, "red", 0.0), (50, "red", 0.3), (100, "white", 0.5)]),
+    )
     done = []
     for kind in kinds:
         for light in lit:
             if light is not False and getattr(integrator, "unlit", False):
                 continue
             scene = {"lighting": light, "shadows": shade, "integrator": integrator, "device": device}
-            render(Volume(samples.astype(kind)), tf, "iso", (16, 16), **(scene | options))
+            for tf in functions:
+                render(Volume(samples.astype(kind)), tf, "iso", (16, 16), **(scene | options))
             done.append(f"{kind}, {'lit' if light else 'not lit'}{', with shadows' if shade else ''}")
     return done
 
