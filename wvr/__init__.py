@@ -97,7 +97,7 @@ __all__ = [
     "view",
     "warm_up",
 ]
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # Whoever imports xarray or PyVista first finds wvr at their objects; others import wvr.accessors.
 if "xarray" in sys.modules or "pyvista" in sys.modules:
