@@ -91,7 +91,7 @@ def main() -> None:
         for number, pair in enumerate(some):
             sheet.paste(pair, (number % 2 * (2 * TILE + MARGIN), number // 2 * (TILE + MARGIN)))
         path = options.output / f"sheet-{first // (2 * ROWS) + 1}.jpg"
-        sheet.save(path, quality=88)
+        sheet.save(path, quality=88, optimize=True)
         print(path)
 
 

@@ -1,5 +1,7 @@
 """Kinds of data are told apart by what they are made of, and what each is for is visible."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -131,7 +133,39 @@ def test_what_lies_apart_from_the_background_is_all_seen():
     assert np.all(tf.extinction([190, 200, 210]) > 0) and tf.extinction(8) < 1e-2
 
 
+def test_of_murk_what_is_bright_is_solid():
+    """Tissue of which most is dim and none ends: with noise veils have no surfaces, without they have."""
+    r = np.sqrt(X**2 + Y**2 + Z**2)
+    dim = 100 * np.clip(1.2 - r, 0, 1) ** 2
+    dim[BALL & (X > 0.2)] += 60
+    rician, clear = (np.abs(values + noise(1.5) + 1j * noise(1.5, 1)) for values in (dim, 100.0 * BALL))
+    found = suggestion(wvr.Volume(np.round(rician).astype(np.uint16)))
+    assert next(iter(found.functions)) == "solid" and found.surfaces
+    solid, bands = found.functions["solid"], found.functions["bands"]
+    bright = np.quantile(rician[rician > bands.knots[0]], 0.5)
+    assert solid.extinction(bands.knots[0]) == 0 and solid.extinction(bright) > 3 * bands.extinction(bright)
+    assert np.all(np.diff(solid.opacities) >= 0)
+    # Not without noise, or without what is dim.
+    for other in (dim, clear):
+        assert "solid" not in suggestion(wvr.Volume(np.round(other).astype(np.uint16))).functions
+
+
 # Simulations
+
+
+def test_a_field_is_seen_in_four_thin_shells():
+    values = (1 + np.exp(-4 * (X**2 + Y**2 + Z**2))).astype(np.float32)
+    values[np.hypot(X, Y) > 1] = 0
+    kind, tf = first(values)
+    assert kind == "field"
+    s = np.linspace(tf.knots[0], tf.knots[-1], 2001)
+    opaque = tf.extinction(s)
+    peaks = np.flatnonzero((opaque[1:-1] > opaque[:-2]) & (opaque[1:-1] >= opaque[2:])) + 1
+    # The innermost is solid.
+    assert len(peaks) == 4 and np.all(np.diff(opaque[peaks]) > 0) and opaque[-1] == opaque[peaks[-1]]
+    assert np.mean(opaque > 0.2 * opaque[peaks[0]]) < 0.6
+    for a, b in pairwise(peaks):
+        assert opaque[a:b].min() < 0.2 * opaque[a]
 
 
 @pytest.mark.parametrize("sign", [1, -1])

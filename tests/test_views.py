@@ -199,6 +199,25 @@ def test_simulations_have_z_upwards():
     np.testing.assert_array_equal(suggested_view(wvr.Volume(volume.numpy().astype(np.float32))).up, (0, 0, 1))
 
 
+@pytest.mark.parametrize(("x", "y"), [(1, 1), (-1, 1), (1, -1), (-1, -1)])
+def test_simulations_are_seen_from_where_they_are_dense(x, y):
+    """A plume that gets thinner away from an edge of the box, in which it is smooth."""
+    zs, ys, xs = np.meshgrid(*[np.linspace(-1, 1, 32)] * 3, indexing="ij")
+    field = np.exp(1.5 * x * xs + 1.2 * y * ys - 3 * zs**2)
+    direction = suggested_view(wvr.Volume(field.astype(np.float32))).direction
+    assert direction[0] * x > 0 and direction[1] * y > 0 and direction[2] > 0
+
+
+def test_a_patient_of_few_slices_is_seen_from_the_head():
+    volume = box((4, 4, 18), (36, 36, 22))
+    volume.anatomical = "LPS"
+    assert suggested_view(volume).direction[2] < 2 * np.abs(suggested_view(volume).direction[1])
+    thin = wvr.Volume(volume.numpy()[18:22].copy())
+    thin.anatomical = "LPS"
+    view = suggested_view(thin)
+    assert view.direction[2] > 2 * -view.direction[1] > 0 and view.up @ (0, 0, 1) == 1
+
+
 def test_a_single_slice_is_seen_along_its_normal():
     for axis in range(3):
         shape = [9, 9, 9]

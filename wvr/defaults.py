@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     CameraLike: TypeAlias = Camera | ViewName | list[Any] | tuple[Any, ...] | NDArray[Any] | pv.Camera | pv.Plotter
     LightingLike: TypeAlias = Lighting | bool | Mode
     SegmentationLike: TypeAlias = Segmentation | Volume | NDArray[Any]
-SUGGESTED = ("bands", "warm", "surfaces", "labels", "tissues", "deviation")
+SUGGESTED = ("bands", "warm", "surfaces", "solid", "labels", "tissues", "deviation")
 # What is behind a volume where nothing at all was said of colours.
 BACKGROUND = "black"
 # Of a scan in Hounsfield units there is something below, unless it is cropped to soft tissue.

@@ -63,7 +63,8 @@ def suggest(volume: Volume) -> dict[str, TransferFunction]:
     """Transfer functions fitted to the volume's own histogram, the best default first.
 
     By the kind of data that the samples look like: ``"labels"``, ``"tissues"`` (CT in Hounsfield units),
-    ``"deviation"`` (of what is everywhere). And of any: the background, the commonest value at the rim with noise, is
+    ``"deviation"`` (of what is everywhere: four thin shells), ``"solid"`` (of scans with noise that pass into their
+    background without an end). And of any: the background, the commonest value at the rim with noise, is
     transparent; what is above it (below, where the background is the brighter end) is seen in four bands whose
     opacities follow from how much of each there is along a ray. ``"bands"`` has a colour for each: green, brown, gold,
     ivory; ``"warm"`` is a ramp from dark red to light yellow; ``"surfaces"`` is three isosurfaces.

@@ -27,12 +27,18 @@ GAP = 0.1
 SOLID, VEIL, LARGE = 8.0, 0.8, 0.4
 # Part of the samples that must be far below a background, and as many far above, for both to be shown.
 AROUND = 0.02
+# Of what is bright in murk: the parts of it below the control points, and their depths.
+MURKY_SHARES, MURKY_DEPTHS = np.array([0.2, 0.4, 0.65, 0.9]), np.array([1.0, 6.0, 8.0, 8.0])
+# Half the width of a field's shells, the distance of two [their whole range], and the depths of a shell and of what is
+# between two, in those of a band.
+THIN, SEPARATE, SHELL, BETWEEN = 0.02, 0.06, 1.6, 0.1
 
 PALETTES = {
     "bands": ["#5d9a63", "#bb5a34", "#efaa48", "#fff4da"],
     "warm": ["#4f1529", "#9a332b", "#d5622c", "#f2b24c"],
 }
 SURFACE_COLORS = ["#4f7fc0", "#e0952f", "#fff0d0"]
+MURKY_COLORS = ["#6e1f2a", "#b8402f", "#e3925a", "#fff0d8"]
 # Below and above the usual value of a field, from near to far.
 COLD, HOT = ["#4f74e0", "#3fa9e0", "#86e2ea", "#ecffff"], ["#b45ad8", "#f2608a", "#fba14e", "#fff3c0"]
 # Of labels: distinguishable next to each other (Matplotlib's tab10, brighter), then around the circle of hues.
@@ -136,7 +142,25 @@ def _object(found: Statistics) -> Suggestion:
     functions = _bands(found)
     knots = next(iter(functions.values())).knots
     sides = (-np.inf, knots[-1]) if knots[0] < start else (knots[0], np.inf)
+    # With noise, and more between it and the foreground than in that, nothing ends anywhere: veils are but murk.
+    clear = start + 5 * found.noise + 0.02 * (hi - lo)
+    bright, dim = np.mean(found.finite > knots[0]), np.mean((found.finite > clear) & (found.finite <= knots[0]))
+    if found.noise and AROUND < bright < dim:
+        functions = {"solid": _solid(found, float(knots[0])), **functions}
     return Suggestion("object", functions, found.smooth(*sides))
+
+
+def _solid(found: Statistics, start: float) -> TransferFunction:
+    """What is above ``start``, from its darkest fifth on opaque within a few samples; colours by how rare it is."""
+    knots = np.quantile(found.finite[found.finite > start], MURKY_SHARES)
+    knots = np.maximum(knots, start) + (found.span[1] - start) * 1e-3 * np.arange(1, 5)
+    limits = [start, *(knots[:-1] + knots[1:]) / 2, np.inf]
+    opacities = [
+        _opacity(found.samples, *band, found.lengths) for band in zip(limits, limits[1:], MURKY_DEPTHS, strict=False)
+    ]
+    ramp = np.minimum.accumulate(opacities[::-1])[::-1].tolist()
+    points = zip([start, *knots], [MURKY_COLORS[0], *MURKY_COLORS], [0.0, *ramp], strict=True)
+    return TransferFunction(list(points))
 
 
 def _bands(found: Statistics) -> dict[str, TransferFunction]:
@@ -213,12 +237,17 @@ def _side(
     distant = samples[samples > usual]
     start = max(usual + 0.15 * (end - usual), float(np.quantile(distant, 0.6)))
     start = min(start, usual + 0.7 * (end - usual))
-    # A veil that gets denser, and four shells in it: what is smooth everywhere has no other surfaces.
-    points = [(start, palette[0], 0.0)]
-    for fraction, color, depth in zip(FRACTIONS, palette, DEPTHS, strict=True):
-        level, half = start + (end - start) * fraction, 0.04 * (end - start)
-        veil = _opacity(samples, level - half, level + 5 * half, 0.4 * depth, lengths)
-        shell = _opacity(samples, level - half, level + half, 1.6 * depth, lengths)
+    # Four thin shells, and nearly nothing between: what is smooth everywhere has no other surfaces. Half-way between
+    # fractions of the range and of the samples, so that each has something to show, and apart.
+    width = end - start
+    inside = samples[(samples > start) & (samples <= end)]
+    fractions = (np.quantile(inside, SHARES) - start) / width if inside.size else FRACTIONS
+    apart = SEPARATE * np.arange(4)
+    fractions = np.maximum.accumulate((fractions + FRACTIONS) / 2 - apart) + apart
+    points, half = [(start, palette[0], 0.0)], THIN * width
+    for level, color, depth in zip((start + width * fractions).tolist(), palette, DEPTHS, strict=True):
+        veil = _opacity(samples, level - half, level + 10 * half, BETWEEN * depth, lengths)
+        shell = _opacity(samples, level - half, level + half, SHELL * depth, lengths)
         points += [(level - half, color, veil), (level, color, shell), (level + half, color, veil)]
     points[-1] = (points[-1][0], palette[-1], points[-2][2])  # the innermost is solid
     return [(sign * s, c, o) for s, c, o in points]

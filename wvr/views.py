@@ -91,8 +91,8 @@ def suggested_view(volume: Field) -> View:
 
     A patient is seen from the front, the head above; a single slice along its normal. Of other data no file says where
     up is. Things stand on something, or go on, at one face of the box much more than at the one across: that is
-    below. Otherwise what is tall stands upright, and else z is up. The front is the side with the most relief, and it
-    is seen a little from the side and from above.
+    below. Otherwise what is tall stands upright, and else z is up. The front is the side with the most relief, of a
+    simulation that from which most of what is dense is seen, and it is seen a little from the side and from above.
     """
     axes = volume.index_to_world[:3, :3] / np.linalg.norm(volume.index_to_world[:3, :3], axis=0)
     thin = np.flatnonzero(volume.dimensions == 1)
@@ -104,16 +104,23 @@ def suggested_view(volume: Field) -> View:
             abs(np.array(of_patient(axis, anatomical)) @ np.ptp(volume.corners, axis=0)) for axis in np.eye(3)[::-1]
         )
         # Of a few slices from head to foot there is most to see from above.
-        towards = (0.4, -1.0, 1.0) if tall * FLAT < min(rest) else (0.4, -1.0, 0.2)
+        towards = (0.2, -1.0, 2.5) if tall * FLAT < min(rest) else (0.4, -1.0, 0.2)
         return View(of_patient(towards, anatomical), of_patient((0, 0, 1), anatomical))
     if not hasattr(volume, "host") or len(thin):
         return View(np.array([1.0, 0.6, 0.4]), np.array([0.0, 0.0, 1.0]))
-    seen, width = _usually_seen(volume)
+    depths, width = _usual_depths(volume)
+    seen = depths > FAINT
     steps = width * np.linalg.norm(volume.index_to_world[:3, :3], axis=0)
     extent = np.array([np.ptp(np.nonzero(seen)[axis]) + 1 for axis in range(3)]) * steps
     # Scans are of whole numbers; what floats are simulated of, seldom stands.
-    up, sign = _upwards(seen, extent) if getattr(volume, "whole", False) else (2, 1)
-    relief = {(axis, side): _relief(seen, axis, side) for axis in range(3) for side in (-1, 1) if axis != up}
+    scanned = getattr(volume, "whole", False)
+    up, sign = _upwards(seen, extent) if scanned else (2, 1)
+    relief = {
+        (axis, side): _relief(seen, axis, side) if scanned else _prominence(depths, axis, side)
+        for axis in range(3)
+        for side in (-1, 1)
+        if axis != up
+    }
     front, side = max(relief, key=lambda key: relief[key])
     other = 3 - up - front
     if extent[front] > TALL * extent[other]:
@@ -128,15 +135,15 @@ def suggested_view(volume: Field) -> View:
     return View(axes @ weights, axes[:, up] * sign)
 
 
-def _usually_seen(volume: Any) -> tuple[NDArray[np.bool_], int]:
-    """Blocks [x, y, z] in which there is something to see of what is suggested, and samples along one."""
+def _usual_depths(volume: Any) -> tuple[NDArray[np.floating], int]:
+    """Optical depths of blocks [x, y, z] as suggested, some of them more than ``FAINT``, and samples along one."""
     try:
         function = next(iter(suggestion(volume).functions.values()))
     except ValueError:  # samples that are all the same
-        return np.ones((1, 1, 1), bool), max(volume.shape)
+        return np.ones((1, 1, 1)), max(volume.shape)
     depths, width = visible_depths(volume, function)
-    seen = depths.transpose() > FAINT
-    return seen if seen.any() else np.ones_like(seen), width
+    depths = depths.transpose()
+    return depths if (depths > FAINT).any() else np.ones_like(depths), width
 
 
 def _of_slice(axes: Floats, normal: int, anatomical: str) -> View:
@@ -175,3 +182,13 @@ def _relief(seen: NDArray[np.bool_], axis: int, side: int) -> float:
         change = np.abs(np.diff(depth, axis=a)) * (np.diff(hit.astype(int), axis=a) == 0)
         rough += np.pad(np.minimum(change, 6), [(0, 1) if b == a else (0, 0) for b in range(2)])
     return float(np.sum((1 + rough) * hit))
+
+
+def _prominence(depths: NDArray[np.floating], axis: int, side: int) -> float:
+    """How much of what is dense is seen from the side of an axis: its depths, by the opacity that is not occluded.
+
+    After the noteworthiness of Bordoloi and Shen, View Selection for Volume Rendering, IEEE Visualization 2005.
+    """
+    facing = np.flip(depths, axis) if side > 0 else depths
+    before = np.cumsum(facing, axis) - facing
+    return float(np.sum(facing * -np.expm1(-facing) * np.exp(-before)))
