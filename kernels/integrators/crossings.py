@@ -284,7 +284,8 @@ while (busy) {
     EACH {
         const vq fine = MASK(good), reached = (stop[b] == v[b]) & fine;
         HALF_OF(at) = fine ? stop[b] : HALF(at);
-        HALF_OF(off_knot) = reached ? ABSD(F[b]) : fine ? (vd){} : HALF(off_knot);
+        // Behind a shorter step it may still be where it was.
+        HALF_OF(off_knot) = reached ? ABSD(F[b]) : HALF(off_knot);
         HALF_OF(room) = reached ? (vd){} + 2.0 : HALF(room);
         *(v8i*)(on + 8 * b) = __builtin_convertvector(reached, v8i);
         const vq way = __builtin_convertvector(HALF(sign), vq) & ~MASK(on_last);

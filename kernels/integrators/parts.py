@@ -285,8 +285,11 @@ def make_parts(sharp=False, lighted=False, clipped=False):
             behind = wp.where(ends, behind, zero)
             c.astray = wp.max(c.before, behind) + ripple
             T = one - c.A
-            good = bool(True)
-            if c.stop > c.v:
+            # Beyond intervals that are next nothing is known (S13, S22); false for NaN.
+            good = real(2.0) * c.astray <= rows.narrow
+            if not good:
+                steps = int(wp.static(PIECES))
+            elif c.stop > c.v:
                 if transfer.visible[c.k] == c.k:
                     surface = given
                     if wp.static(lighted):
@@ -307,7 +310,8 @@ def make_parts(sharp=False, lighted=False, clipped=False):
                 c.room = real(0.5) * (c.stop - c.v)
             else:
                 c.v = c.stop
-                c.before = behind
+                # Behind a shorter step it may still be where it was.
+                c.before = wp.where(ends, behind, c.before)
                 c.room = real(2.0)
                 if ends:
                     if wp.static(sharp):
