@@ -56,8 +56,10 @@ class Copied:
         sums = _checksums(array)
         if sums == self._sums:
             return None
+        fresh = self._copy(array)
+        # What could not be copied is asked again.
         self._sums = sums
-        return self._copy(array)
+        return fresh
 
 
 def has_memory(array: Any) -> bool:

@@ -66,6 +66,20 @@ def test_what_rays_find_goes_on_from_worker_to_worker(volume, client, method):
         assert np.all(np.abs(image.error_bound - alone.error_bound) <= 1e-9)
 
 
+def test_bounds_of_workers_hold_where_rays_ended(client, monkeypatch):
+    """What is behind the end of a ray counts, also of bricks that no other ray meets: at the edge of a wall."""
+    monkeypatch.setattr(stored, "ALONG", 8)
+    data = np.full((16, 16, 64), 200, np.uint8)
+    data[..., :8], data[..., 8:16] = 100, 0
+    whole, volume = wvr.Volume(data), wvr.build_ranges(wvr.open(data))
+    camera, options = wvr.Camera((-20, 7.5, 7.5), (0, 7.5, 7.5), (0, 1, 0), parallel_scale=9.3), {"size": (24, 24)}
+    for opacity in (0.65, 0.7, 0.75):
+        tf = wvr.TransferFunction([(0, "red", 0.0), (100, "red", opacity), (200, "white", 0.9)])
+        exact = wvr.render(whole, tf, camera, integrator=wvr.Exact(), termination=0.0, **options)
+        image = wvr.render(volume, tf, camera, tolerance=0.01, client=client, **options)
+        assert np.all(np.abs(image.rgba - exact.rgba).max(axis=2) <= image.error_bound + 1e-12)
+
+
 def test_an_active_client_is_found_as_dask_finds_it(volume, client):
     """Unless it is told not to, or cannot do what is asked for."""
     image = wvr.render(volume, TF, CAMERA, SIZE)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import shutil
 
 import numpy as np
 import pytest
@@ -87,3 +88,31 @@ def test_marks_tell_sizes_apart(tmp_path):
         os.utime(tmp_path / "a", ns=(10**18, 10**18))
         marks.append(FileMark(str(tmp_path / "a"))()(()))
     assert len(set(marks)) == 2 and all(len(mark) <= 16 for mark in marks)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_zarr_store_that_became_another_is_an_error(tmp_path, version):
+    """Chunks of another array are not taken for those that were; one that grows goes on."""
+    zarr = pytest.importorskip("zarr")
+    path = tmp_path / "a.zarr"
+
+    def create(shape, dtype="u1"):
+        options = {"zarr_format": version, "overwrite": True}
+        array = zarr.create_array(path, shape=shape, chunks=(1, 10, 10, 10), dtype=dtype, **options)
+        array[:] = 120
+        return array
+
+    for shape, dtype in (((2, 10, 20, 20), "u1"), ((1, 20, 20, 20), "u1"), ((2, 20, 20, 20), "i1"), (None, None)):
+        array = create((2, 20, 20, 20))
+        renderer = wvr.Renderer(wvr.open(path, c=1), TF)
+        camera = wvr.Camera.fit(renderer.volume, (1, 1, 1))
+        before = renderer.render(camera, SIZE)
+        array.resize((3, 20, 20, 20))
+        array.attrs["more"] = 1
+        assert np.array_equal(renderer.render(camera, SIZE).rgba, before.rgba)
+        if shape is None:
+            shutil.rmtree(path)
+        else:
+            create(shape, dtype)
+        with pytest.raises(OSError, match=r"was replaced by another array, or is gone: open it anew"):
+            renderer.render(camera, SIZE)

@@ -340,6 +340,23 @@ def test_what_is_written_into_labels_of_any_dtype_is_seen(blobs):
     assert np.array_equal(after.rgba, fresh.rgba) and not np.array_equal(before.rgba, after.rgba)
 
 
+@pytest.mark.parametrize("options", [{}, {"memory_limit": "1 GiB"}], ids=["whole", "bricks"])
+def test_labels_that_are_written_out_of_range_or_beyond_their_dtype(blobs, options):
+    """What is no label is said in each frame until it is mended; more labels than before are seen."""
+    labels = layers(blobs.shape, np.array([1.0, 0, 0]), 15.5).astype(np.int64)
+    camera = wvr.Camera.fit(blobs)
+    renderer = wvr.Renderer(blobs, None, segmentation=wvr.Segmentation(labels, {2: SMOOTH}), **options)
+    renderer.render(camera, (16, 16))
+    labels[0, 0, 0] = -1
+    for _ in range(2):
+        with pytest.raises(ValueError, match="labels must be from 0 to 65535, got -1"):
+            renderer.render(camera, (16, 16))
+    labels[0, 0, 0], labels[:8] = 1, 300
+    image = renderer.render(camera, (16, 16))
+    fresh = wvr.render(blobs, None, camera, (16, 16), segmentation=wvr.Segmentation(labels, {2: SMOOTH}), **options)
+    assert np.array_equal(image.rgba, fresh.rgba)
+
+
 def test_any_array_of_labels(blobs):
     """Big-endian, Fortran order, read-only, or a Volume wherever it is."""
     labels = layers(blobs.shape, np.array([1.0, 0, 0]), 15.5)

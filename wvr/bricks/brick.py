@@ -181,11 +181,13 @@ class Caster:
         """Whether all rays of some pixels ended, so that nothing behind is asked for."""
         return bool((image.through[rect] < self.ending).all())
 
-    def end(self, image: Partial, rect: Rect) -> None:
-        """Have the bound of rays that ended hold for whatever is behind, which is between 0 and the brightest."""
+    def end(self, image: Partial, rect: Rect, front: NDArray[np.float64] | None = None) -> None:
+        """Have the bound of rays that ended hold for whatever is behind, which is between 0 and the brightest;
+        ``front`` as of ``cast``.
+        """
         if image.bound is not None:
             here = image.part(rect)
-            gone = here.through < self.ending
+            gone = (here.through if front is None else here.through * front[image.at(rect)]) < self.ending
             assert here.bound is not None
             here.bound[gone] += here.through[gone] * self.scene.brightest
             here.through[gone] = 0.0

@@ -264,7 +264,10 @@ def _each(
     try:
         for index in indices:
             place = march.caster.footprint(index)
-            if place is None or (needed := march.needed(image, index, place, front)) == set():
+            if place is None:
+                continue
+            if (needed := march.needed(image, index, place, front)) == set():
+                march.caster.end(image, place, front)
                 continue
             march.cast(blocks, image, index, place, needed, front)
             march.keep.end_of_frame()

@@ -60,7 +60,7 @@ class Finder(Caster):
     def ended(self, image: Any, rect: Rect) -> bool:
         return not image.part(rect).through.any()
 
-    def end(self, image: Any, rect: Rect) -> None:
+    def end(self, image: Any, rect: Rect, front: Any = None) -> None:
         """Nothing is left to be said."""
 
     def cast(self, index: Index, brick: Brick, image: Any, rect: Rect, front: Any = None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -263,12 +264,38 @@ class _ZarrMarks:
     def __init__(self, folder: Path, metadata: Any, axes: tuple, fixed: tuple, chunks: tuple, shards: Any):
         self.folder, self.metadata, self.axes, self.fixed, self.chunks = folder, metadata, axes, fixed, chunks
         self.files = shards or chunks  # samples along each axis of a file
+        self.description = self._described()
+
+    def _described(self) -> dict[str, Any]:
+        """What a file says of how chunks lie; empty where there is none."""
+        for name in ("zarr.json", ".zarray"):
+            with suppress(OSError, ValueError):
+                given = json.loads((self.folder / name).read_text())
+                return {key: value for key, value in given.items() if key not in ("attributes", "dimension_names")}
+        return {}
+
+    def _same(self) -> None:
+        """Say so where chunks are those of another array, which may have grown."""
+        was, now = self.description, self._described()
+        if not was or was == now:
+            return
+        reach = [now.get("shape", [])[axis : axis + 1] for axis in (*(a for a, _ in self.fixed), *self.axes)]
+        least = [*([at + 1] for _, at in self.fixed), *([was["shape"][axis]] for axis in self.axes)]
+        if was | {"shape": 0} != now | {"shape": 0} or any(a < b for a, b in zip(reach, least, strict=True)):
+            raise OSError(f"{self.folder} was replaced by another array, or is gone: open it anew")
 
     def __call__(self) -> Callable[[tuple[range, range, range]], str]:
-        """By first and last chunk along z, y, x, of the files that there are now."""
+        """By first and last chunk along z, y, x, of the files that there are now.
+
+        Raises
+        ------
+        OSError
+            Where the array is another.
+        """
         from hashlib import blake2b
         from itertools import product
 
+        self._same()
         found: dict[str, str] = {}
         for folder, _, files in os.walk(self.folder):
             for name in files:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -74,6 +73,7 @@ class Segmentation:
         other: TransferFunction | None = None,
     ):
         self.labels = _labels(labels)
+        self._stated: Stated | None = None
         if not isinstance(transfer_functions, Mapping):
             raise TypeError(
                 f"transfer_functions must be a dict from labels to transfer functions, got {transfer_functions!r}"
@@ -115,10 +115,17 @@ class Segmentation:
         }
         return cls(volume, functions)
 
-    @cached_property
+    @property
     def states(self) -> Stated:
         """The different transfer functions, and which of them each label has."""
         number = np.iinfo(self.labels.dtype).max + 1
+        # What is written into labels may take the wider dtype.
+        if self._stated is None or len(self._stated.of_label) != number:
+            self._stated = self._states_of(number)
+        return self._stated
+
+    def _states_of(self, number: int) -> Stated:
+        """Of so many labels."""
         functions: dict[bytes, TransferFunction] = {tf.key: tf for tf in self.transfer_functions.values()}
         if self.other is not None and len(self.transfer_functions) < number:
             functions.setdefault(self.other.key, self.other)
