@@ -39,6 +39,8 @@ from .validation import float_array, outside
 ASTRAY = 2.0**-49
 # How far the plane of their anchors may be, in the same parts: of a sum of three products and two more numbers.
 ROUNDED = 2.0**-49
+# Parts of a direction that are no move along an axis: one over a ray's has to be a number.
+STILL = 1e-100
 
 Tracer = Callable[[int, int], NDArray[np.void]]
 
@@ -312,7 +314,8 @@ def ends_of(depth: Any, size: tuple[int, int]) -> NDArray[np.float64] | None:
 def view(volume: Field, camera: Camera, width: int, height: int) -> Any:
     """The struct of ``kernels.ray`` for a camera and image size, set up in float64."""
     to_index = np.linalg.inv(volume.index_to_world[:3, :3])
-    right, up, forward = camera.basis()
+    to_index[np.abs(to_index) < STILL * np.abs(to_index).max(axis=1, keepdims=True)] = 0.0
+    right, up, forward = (np.where(np.abs(axis) < STILL, 0.0, axis) for axis in camera.basis())
     pixel = 2 * camera.half_height / height
     right, down = pixel * right, -pixel * up
     corner = -0.5 * (width - 1) * right - 0.5 * (height - 1) * down

@@ -12,6 +12,7 @@ from wvr.bricks import reading, rest, stored, streamed
 from wvr.bricks.allowance import Allowance
 from wvr.bricks.frame import BrickedFrame
 from wvr.bricks.grid import Bricks
+from wvr.frame import view
 
 from .test_bricks import CAMERAS, RNG, SIZE, TF, VOLUME
 
@@ -51,6 +52,21 @@ def test_projections_in_bricks_are_the_whole(split, what):
         assert image.error_bound.max() < 1e-6
         if camera is CAMERAS["outside"] and method.seeks:
             np.testing.assert_allclose(image.depth(), whole.depth(), atol=1e-9)
+
+
+def test_rays_that_are_across_an_axis_but_for_next_to_nothing(split):
+    """One over a direction of 1e-312 is infinite, and rays in a face went on without end."""
+    x, _, z = VOLUME.corners.mean(axis=0)
+    position, target = np.array([x, 0.0, z + 100.0]), np.array([x, 0.0, z - 100.0])
+    across = wvr.Camera(position, target, (1, 0, 0), parallel_scale=10.0)
+    nearly = wvr.Camera(position, target - [0, 1e-311, 0], (1, 0, 0), parallel_scale=10.0)
+    ways = [np.array(view(VOLUME, camera, *SIZE).way) for camera in (across, nearly)]
+    assert np.array_equal(*ways)
+    for method in (wvr.Projection("max"), wvr.Projection("sum"), SURFACES, wvr.Exact()):
+        options = {"integrator": method, "lighting": None}
+        image, same = (split((6, 6, 6), TF, camera, **options) for camera in (nearly, across))
+        np.testing.assert_array_equal(image.rgba, same.rgba)
+        assert image.rgba.any()
 
 
 def test_surfaces_go_on_from_brick_to_brick(split):
