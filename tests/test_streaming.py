@@ -21,7 +21,9 @@ def test_beating_heart_in_shadow(device, image):
     for volume in volumes[1:]:
         renderer.volume = volume
         frames.append(renderer.render(camera, (24, 24)).rgba)
-    assert renderer.builds - before == {"volume": 2, "ranges": 2, "kinds": 2}
+    built = dict(renderer.builds - before)
+    assert built.pop("octants", 2) == 2  # where rays go several abreast
+    assert built == {"volume": 2, "ranges": 2, "kinds": 2}
     for frame, volume in zip(frames, volumes[1:], strict=True):
         np.testing.assert_array_equal(frame, wvr.Renderer(volume, tf, **options).render(camera, (24, 24)).rgba)
     assert np.abs(frames[1] - frames[0]).max() > 0.05
