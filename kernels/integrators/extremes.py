@@ -117,8 +117,9 @@ def make_probe(halves):
         known = bool(False)
         beside = found.hint >= start and found.hint <= end
         if not wp.static(finite):
-            # Of a cell that the ray runs in, not of one that it touches where it begins.
-            beside = found.hint > start and found.hint < end
+            # Of a cell that the ray runs in, not of one that it touches to rounding where it begins or ends.
+            touched = real(2.0) * scene.view.astray
+            beside = found.hint > start + touched and found.hint < end - touched
         if beside:
             # Much the same as what there is beside.
             s = sign * value(scene.field, origin + found.hint * direction)

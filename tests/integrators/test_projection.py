@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import wvr
+import wvr.frame
 
 from ..extending.marschner_lobb import MarschnerLobb
 from ..helpers import centered
@@ -303,3 +304,23 @@ def test_a_camera_at_the_face_of_absent_cells_sees_nothing_in_them():
     volume = wvr.Volume(samples, nan="transparent")
     image = wvr.render(volume, SPAN, camera, (12, 5), integrator=wvr.Projection("min"))
     assert np.all(image.values[:, :6] == 5) and np.isnan(image.values[:, 6:]).all()
+
+
+def test_cells_that_are_touched_to_rounding_where_a_ray_begins_are_not_its_own(monkeypatch):
+    """Vectors take over where the pixel beside had its smallest value, if the ray runs there: as one by one has it."""
+    halves = wvr.frame.Frame.halves
+    for seed in (714, 1268, 3097):
+        rng = np.random.default_rng(seed)
+        data = rng.random((5, 6, 7)).astype("float32")
+        data[rng.random(data.shape) < 0.05] = np.nan
+        at = rng.integers(1, 4, 3).astype(float)
+        camera = wvr.Camera(at, at + rng.normal(size=3), (0, 0, 1), 90.0)
+        volume = wvr.Volume(data, nan="transparent")
+        values = []
+        for vectors in (True, False):
+            if not vectors:
+                monkeypatch.setattr(wvr.frame.Frame, "halves", lambda *args: replace(halves(*args), vectors=False))
+            image = wvr.render(volume, None, camera, (16, 4), integrator=wvr.Projection("min"))
+            values.append(image.values)
+            monkeypatch.setattr(wvr.frame.Frame, "halves", halves)
+        np.testing.assert_allclose(values[0], values[1], rtol=0, atol=1e-9)
