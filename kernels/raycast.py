@@ -71,15 +71,15 @@ def make_bound(halves):
         edges = bool(True)
         if wp.static(halves.brick):
             edges = scene.brick.edges
+        anchor, way, begin = line(scene.view, x, y)
         if edges:
-            anchor, way, begin = line(scene.view, x, y)
             more, cap = edge(scene, anchor, inverted(way), begin, hit)
             off += more
         if wp.static(holes):
             most, _, _ = limits(scene)
             if hit and most > wp.float64(0.0):
                 little = scene.march.tolerance / (wp.float64(1024.0) * most)
-                off += most * grazed(scene, point, along, start, stop, little)
+                off += most * grazed(scene, anchor, point, along, start, stop, little)
         return off, cap
 
     return around

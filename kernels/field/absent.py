@@ -7,20 +7,26 @@ from functools import cache
 import warp as wp
 
 ZERO = wp.constant(wp.float64(0.0))
+FAR = wp.constant(wp.float64(1.0e300))
 
 
 @wp.func
-def parallel(across: wp.float64, size: wp.float64, extent: wp.float64, astray: wp.float64):
-    """Whether a ray, ``across`` of whose direction of this ``size`` is along an axis, runs along faces all the way:
-    where it is in one nobody says on which side.
-    """
-    return across * extent <= wp.float64(2.0) * astray * size
+def exact(anchor: wp.float64, across: wp.float64):
+    """Whether a ray runs in a face to the last digit: of which of the cells beside it, is said (docs/proof.md)."""
+    return across == ZERO and anchor == wp.rint(anchor)
+
+
+@wp.func
+def meets(a: wp.float64, b: wp.float64, e: wp.float64):
+    """Whether there is a face between two places along an axis, or within e of them."""
+    return wp.ceil(wp.min(a, b) - e) <= wp.floor(wp.max(a, b) + e)
 
 
 @cache
 def make_grazed(halves):
-    """``grazed(scene, p, d, start, stop, little)`` -> how long a ray from p along d may be on another side of faces
-    between absent cells and others. What is not more than ``little`` is counted as if all faces were such.
+    """``grazed(scene, anchor, p, d, start, stop, little)`` -> how long a ray from p along d, of this ``anchor``, may be
+    on another side of faces between absent cells and others. What is not more than ``little`` is counted as if all
+    faces were such.
     """
     Scene = halves.Scene
     cubic = halves.field.cubic()
@@ -61,34 +67,50 @@ def make_grazed(halves):
         return total
 
     @wp.func
-    def grazed(scene: Scene, p: wp.vec3d, d: wp.vec3d, start: wp.float64, stop: wp.float64, little: wp.float64):
-        astray = scene.view.astray
+    def grazed(
+        scene: Scene,
+        anchor: wp.vec3d,
+        p: wp.vec3d,
+        d: wp.vec3d,
+        start: wp.float64,
+        stop: wp.float64,
+        little: wp.float64,
+    ):
+        e = wp.float64(2.0) * scene.view.astray
         last = scene.field.last
-        extent = wp.length(scene.view.high - scene.view.low)
+        # How far along the ray a face may be from where it is crossed; all the way for a ray that is along it.
         wide = wp.vec3d()
         for a in range(3):
             across = wp.abs(d[a])
-            if last[a] > 0 and not parallel(across, wp.length(d), extent, astray):
-                wide[a] = wp.float64(2.0) * astray / across
+            if last[a] > 0 and not exact(anchor[a], across):
+                wide[a] = FAR
+                if across > ZERO:
+                    wide[a] = e / across
         total = wp.float64(0.0)
         for a in range(3):
-            every = wp.float64(2.0) * (wide[a] + wp.float64(2.0) * astray * (stop - start))
+            every = wp.float64(2.0) * (wide[a] + e * (stop - start))
             if wide[a] == ZERO or every <= little:
                 total += wp.where(wide[a] > ZERO, every, ZERO)
             else:
-                # Nearly along an edge nothing is looked at.
-                other = wp.max(wide[(a + 1) % 3], wide[(a + 2) % 3])
                 from_ = p[a] + start * d[a]
                 to = p[a] + stop * d[a]
-                first = wp.max(int(wp.ceil(wp.min(from_, to) - wp.float64(2.0) * astray)), 1)
-                beyond = wp.min(int(wp.floor(wp.max(from_, to) + wp.float64(2.0) * astray)), last[a]) + 1
+                first = wp.max(int(wp.ceil(wp.min(from_, to) - e)), 1)
+                beyond = wp.min(int(wp.floor(wp.max(from_, to) + e)), last[a]) + 1
                 for k in range(first, beyond):
-                    middle = (wp.float64(k) - p[a]) / d[a]
-                    begin = wp.max(start, middle - wide[a])
-                    end = wp.min(stop, middle + wide[a])
+                    begin = wp.float64(start)
+                    end = wp.float64(stop)
+                    if wide[a] < FAR:
+                        middle = (wp.float64(k) - p[a]) / d[a]
+                        begin = wp.max(start, middle - wide[a])
+                        end = wp.min(stop, middle + wide[a])
                     if end > begin:
+                        edge = bool(False)
+                        for b in range(3):
+                            along = b != a and wide[b] > little
+                            edge = edge or (along and meets(p[b] + begin * d[b], p[b] + end * d[b], e))
+                        # Nearly along an edge nothing is looked at.
                         length = end - begin
-                        if other <= little:
+                        if not edge:
                             length = beside(scene, a, k, p, d, begin, end)
                         total += length
         return total

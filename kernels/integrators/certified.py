@@ -14,10 +14,10 @@ from functools import cache
 
 import warp as wp
 
-from ..field.absent import parallel
+from ..field.absent import exact
 from ..field.walk import PACKET, lanes, make_gather, make_walk
 from ..light.points import make_shading
-from ..ray import FAR, inside, inverted
+from ..ray import FAR, inside
 from ..transfer.function import make_transfer
 from ..transfer.rows import Rows
 from .cubics import from_start, make_cubics
@@ -142,10 +142,8 @@ def make_edge(halves):
         holes = wp.vec3i()
         if not wp.static(finite):
             # What there is to see may end at absent cells.
-            d = inverted(inverse)
             for a in range(3):
-                across = not parallel(wp.abs(d[a]), wp.length(d), wp.length(view.high - view.low), view.astray)
-                holes[a] = wp.where(across, 1, 0)
+                holes[a] = wp.where(exact(anchor[a], inverse[a]), 0, 1)
         for a in range(3):
             if low[a] <= view.low[a] or holes[a] != 0:
                 low[a] -= e
