@@ -12,7 +12,7 @@ FAR = wp.constant(wp.float64(1.0e300))
 
 @wp.func
 def exact(anchor: wp.float64, across: wp.float64):
-    """Whether a ray runs in a face to the last digit: of which of the cells beside it, is said (docs/proof.md)."""
+    """Whether a ray is computed to be in a face to the last digit: it is then in the cell above (docs/proof.md)."""
     return across == ZERO and anchor == wp.rint(anchor)
 
 

@@ -80,6 +80,9 @@ def test_numbers_change_nothing(name, scene):
     image = scene.render(integrator)
     plain = image.rgba
     for numbers, how in NUMBERS.items():
+        if scene.labels is not None and how.get("dtype") in ("int16", "float32"):
+            # Labels are read beside samples of any type.
+            continue
         if tabulated and numbers in INTEGERS:
             # Their tables have entries where the levels are.
             error = off(in_numbers(scene, numbers).render(integrator), exact(scene))
