@@ -56,6 +56,16 @@ def test_rays_along_axes_are_within_the_tolerance():
         assert image.error_bound.max() <= TOLERANCE and image.rgba.any()
 
 
+def test_rays_in_a_face_but_for_rounding_may_see_either_side():
+    volume, x = half_absent(0), 5 + 2e-15
+    camera = wvr.Camera((x, -20, 5.5), (x, 0, 5.5), up=(0, 0, 1), parallel_scale=6)
+    image = wvr.render(volume, TF, camera, SIZE, tolerance=TOLERANCE, lighting=False)
+    wide = image.error_bound > TOLERANCE
+    # Where the other side is absent, which it is in the upper half.
+    assert wide[2:6, 6].all() and image.error_bound[2:6, 6].min() > 0.1 and not np.delete(wide, 6, axis=1).any()
+    assert not wide[8:, 6].any()
+
+
 def test_holes_everywhere_cost_no_more_than_rounding():
     data = np.random.default_rng(2).uniform(0.2, 0.9, (20, 20, 20)).astype(np.float32)
     data[np.random.default_rng(3).random(data.shape) < 0.1] = np.nan
