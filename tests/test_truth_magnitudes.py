@@ -51,7 +51,7 @@ def ramp(scale, offset=0.0, dtype="float64"):
     return wvr.Volume((RAMP * scale + offset).astype(dtype)), tf
 
 
-@pytest.mark.parametrize("exponent", [-300, -200, -170, -100, -45, -30, 30, 38, 100, 170, 200, 300])
+@pytest.mark.parametrize("exponent", [-300, -170, -45, -30, 30, 38, 170, 300])
 def test_scales_of_float64_samples(exponent):
     volume, tf = ramp(10.0**exponent)
     truth = render(*ramp(1.0), wvr.Exact()).rgba

@@ -80,8 +80,9 @@ def test_numbers_change_nothing(name, scene):
     image = scene.render(integrator)
     plain = image.rgba
     for numbers, how in NUMBERS.items():
-        if scene.labels is not None and how.get("dtype") in ("int16", "float32"):
-            # Labels are read beside samples of any type.
+        few = scene.labels is not None or name not in ("Exact", "Certified", "Riemann")
+        if few and how.get("dtype") in ("int16", "float32"):
+            # Samples of any type are read alike by all integrators, and beside labels.
             continue
         if tabulated and numbers in INTEGERS:
             # Their tables have entries where the levels are.
