@@ -94,35 +94,35 @@ class Painter:
     """A scene as OSPRay's objects."""
 
     def __init__(self, scene: Scene, threads: int):
-        self.library = _library()
+        self.osp = _library()
         self.kept: list[Any] = []  # arrays that OSPRay shares
-        if self.library.ospLoadModule(b"cpu"):
+        if self.osp.ospLoadModule(b"cpu"):
             raise NotAvailableError("OSPRay does not load its module for processors")
-        device, count = self.library.ospNewDevice(b"cpu"), ctypes.c_int(threads)
-        self.library.ospDeviceSetParam(device, b"numThreads", INT, ctypes.byref(count))
-        self.library.ospDeviceCommit(device)
-        self.library.ospSetCurrentDevice(device)
+        device, count = self.osp.ospNewDevice(b"cpu"), ctypes.c_int(threads)
+        self.osp.ospDeviceSetParam(device, b"numThreads", INT, ctypes.byref(count))
+        self.osp.ospDeviceCommit(device)
+        self.osp.ospSetCurrentDevice(device)
 
         model = self._model(scene)
-        group = self._committed(self.library.ospNewGroup(), volume=self._handles("volumetricModel", model))
-        instance = self._committed(self.library.ospNewInstance(group))
-        light = self._committed(self.library.ospNewLight(b"ambient"), intensity=1.0)
+        group = self._committed(self.osp.ospNewGroup(), volume=self._handles("volumetricModel", model))
+        instance = self._committed(self.osp.ospNewInstance(group))
+        light = self._committed(self.osp.ospNewLight(b"ambient"), intensity=1.0)
         self.world = self._committed(
-            self.library.ospNewWorld(),
+            self.osp.ospNewWorld(),
             instance=self._handles("instance", instance),
             light=self._handles("light", light),
         )
-        self.renderer = self.library.ospNewRenderer(b"scivis")
+        self.renderer = self.osp.ospNewRenderer(b"scivis")
         self._set(self.renderer, pixelSamples=1, pixelFilter=np.uint32(0), backgroundColor=(0.0, 0.0, 0.0, 0.0))
 
         self.scene, (width, height) = scene, scene.size
         kind = b"perspective" if scene.camera.parallel_scale is None else b"orthographic"
-        self.camera = self.library.ospNewCamera(kind)
+        self.camera = self.osp.ospNewCamera(kind)
         self._set(self.camera, aspect=width / height)
-        self.frame = self.library.ospNewFrameBuffer(width, height, RGBA32F, COLOR)
+        self.frame = self.osp.ospNewFrameBuffer(width, height, RGBA32F, COLOR)
 
     def draw(self, step: float, camera: wvr.Camera | None) -> None:
-        osp, (width, height), volume = self.library, self.scene.size, self.scene.volume
+        osp, (width, height), volume = self.osp, self.scene.size, self.scene.volume
         camera = self.scene.camera if camera is None else camera
         forward = camera.target - camera.position
         forward /= np.linalg.norm(forward)
@@ -150,7 +150,7 @@ class Painter:
         if samples.dtype not in SAMPLES:
             raise NotAvailableError(f"OSPRay is given uint8, uint16 and float32 here, not {samples.dtype}")
         made = self._committed(
-            self.library.ospNewVolume(b"structuredRegular"),
+            self.osp.ospNewVolume(b"structuredRegular"),
             data=self._data(samples, SAMPLES[samples.dtype], samples.shape[::-1]),
             gridSpacing=volume.spacing,
             gridOrigin=volume.origin,
@@ -162,20 +162,20 @@ class Painter:
         color = tf.color(scalars).astype(np.float32)
         extinction = tf.extinction(scalars, volume.smallest_spacing).astype(np.float32)
         function = self._committed(
-            self.library.ospNewTransferFunction(b"piecewiseLinear"),
+            self.osp.ospNewTransferFunction(b"piecewiseLinear"),
             value=(BOX1F, (low, high)),
             color=self._data(color, FLOATS[3], (len(color),)),
             opacity=self._data(extinction, FLOATS[1], (len(extinction),)),
         )
         return self._committed(
-            self.library.ospNewVolumetricModel(made), transferFunction=("transferFunction", function), densityScale=1.0
+            self.osp.ospNewVolumetricModel(made), transferFunction=("transferFunction", function), densityScale=1.0
         )
 
     def _data(self, array: NDArray, kind: int, shape: tuple[int, ...]) -> tuple[str, int]:
         """An array that OSPRay shares."""
         self.kept.append(array := np.ascontiguousarray(array))
         nx, ny, nz = (*shape, 1, 1)[:3]
-        data = self.library.ospNewSharedData(array.ctypes.data, kind, nx, 0, ny, 0, nz, 0, None, None)
+        data = self.osp.ospNewSharedData(array.ctypes.data, kind, nx, 0, ny, 0, nz, 0, None, None)
         return "data", self._committed(data)
 
     def _handles(self, kind: str, one: int) -> tuple[str, int]:
@@ -183,13 +183,13 @@ class Painter:
 
     def _committed(self, made: int, **parameters: Any) -> int:
         self._set(made, **parameters)
-        self.library.ospCommit(made)
+        self.osp.ospCommit(made)
         return made
 
     def _set(self, made: int, **parameters: Any) -> None:
         for name, value in parameters.items():
             kind, number = _encoded(value)
-            self.library.ospSetParam(made, name.encode(), kind, ctypes.byref(number))
+            self.osp.ospSetParam(made, name.encode(), kind, ctypes.byref(number))
 
 
 def _encoded(value: Any) -> tuple[int, Any]:
