@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import warp as wp
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import wvr
@@ -45,6 +45,7 @@ def evaluated(table, s):
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1))
+@example(910859)  # so steep that the rounding of scalars counts
 def test_rows_deviate_by_no_more_than_they_say(seed):
     rng = np.random.default_rng(seed)
     n = int(rng.choice([2, 3, 5, 20, 256]))

@@ -23,8 +23,9 @@ from wvr.viewer import Viewer  # noqa: E402
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 TOKEN = "a-token-for-tests"
-# What the canvas has, to the last bit.
-PIXELS = "() => document.querySelector('canvas.wvr-picture').toDataURL('image/png').split(',')[1]"
+# The last picture, and what the canvas has, to the last bit.
+SHOWN = """() => [window.pictures.at(-1),
+  document.querySelector('canvas.wvr-picture').toDataURL('image/png').split(',')[1]]"""
 WIDE = """() => [...document.querySelectorAll('.wvr-viewer *')]
   .filter((element) => element.getBoundingClientRect().right > innerWidth + 1)
   .map((element) => element.outerHTML.slice(0, 80))"""
@@ -77,9 +78,15 @@ class Page:
         self.page.goto(viewer.address)
 
     def pixels(self):
-        """Of the final picture."""
-        self.until("window.pictures.at(-1)?.whole && window.pictures.at(-1).met")
-        return np.array(Image.open(BytesIO(base64.b64decode(self.page.evaluate(PIXELS)))))
+        """Of the final picture: after it comes no other, of a later movement of the mouse."""
+        number = None
+        while True:
+            self.until("window.pictures.at(-1)?.whole && window.pictures.at(-1).met")
+            message, image = self.page.evaluate(SHOWN)
+            if message["whole"] and message["number"] == number:
+                return np.array(Image.open(BytesIO(base64.b64decode(image))))
+            number = message["number"]
+            self.page.wait_for_timeout(100)
 
     def until(self, expression):
         """Until it is true; the page's policy lets nobody else look."""

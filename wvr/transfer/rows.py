@@ -203,9 +203,10 @@ def _deviations(table: NDArray[np.float32], w: Floats, at: Floats) -> Floats:
 def _closed(table: NDArray[np.float32], off: Floats) -> NDArray[np.float32]:
     """Rows with their deviations, rounded up; those that single precision does not hold hold nothing."""
     row = table.astype(np.float64)
-    # Rounding of the deviations themselves, in double.
-    size = np.abs(row[:, 2]) + np.abs(row[:, 3]) * np.abs(row[:, 1]) + np.abs(row[:, 4]) * row[:, 1] ** 2
-    bright = np.abs(row[:, 8:15]).max(axis=1) * (1 + np.abs(row[:, 1]))
+    # Rounding of the deviations themselves, in double, and of the scalars that they are taken at.
+    far = np.abs(row[:, 0]) + np.abs(row[:, 1])
+    size = np.abs(row[:, 2]) + np.abs(row[:, 3]) * far + np.abs(row[:, 4]) * row[:, 1] ** 2
+    bright = np.abs(row[:, 8:15]).max(axis=1) * (1 + far)
     rounded = (off + 2.0**-48 * np.stack([size, bright])).T.astype(np.float32)
     table[:, 5:7] = np.maximum(np.nextafter(rounded, np.float32(np.inf)), 1e-30)
     table[~np.isfinite(table).all(axis=1) | (np.abs(table) > 1e18).any(axis=1), 1] = -1
