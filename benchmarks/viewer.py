@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,11 +14,12 @@ from matplotlib.figure import Figure
 
 import wvr
 from studies.base.harness import Contender, Result, Settings, Time, bars, interleave, machine, summarize
+from studies.base.scenes import DATA
 from wvr.viewer.outbox import framed
 from wvr.viewer.session import Session
 from wvr.viewer.viewer import source_of
 
-BONSAI = Path(__file__).parents[1] / "../shared/data/bonsai.nrrd"
+BONSAI = DATA / "bonsai.nrrd"
 BASELINE = "coarse picture"
 # Events of a run: of them, the 95th percentile is told.
 EVENTS = 40

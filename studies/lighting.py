@@ -2,7 +2,7 @@
 
 What each way to light a pre-integrated segment is off by, against many parts of the same linear scalar, so that light
 alone is compared; how many samples a voxel one sample of light needs to catch up; Table 2 (frames a second); Figures 1,
-2, 7, 8 and the colour plates. Volumes of ``../shared/data`` where they lie there, else generated ones stand in.
+2, 7, 8 and the colour plates. Scans where they are there, else generated volumes stand in.
 """
 
 from dataclasses import replace

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 import wvr
-
-# Real volumes beside the checkout, where there are any.
-DATA = Path(__file__).parents[1] / "../shared/data"
+from studies.base.scenes import DATA as DATA
 
 # All integrators, and their variants, by name; steps divide nothing.
 INTEGRATORS: dict[str, wvr.integrators.Integrator] = {

@@ -1,10 +1,12 @@
 """Volumes as the studies see them: by name, with the direction that shows them best, and a stand-in for each scan.
 
-The scans and simulations are looked for in ``../shared/data`` beside the checkout, as NRRD files.
+The scans and simulations are NRRD files in the folder ``WVR_DATA``, by default ``../shared/data`` beside the
+checkout.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -19,7 +21,7 @@ import wvr
 from wvr.color import linear_to_srgb
 from wvr.integrators import Integrator
 
-DATA = Path(__file__).parents[2] / "../shared/data"
+DATA = Path(os.environ.get("WVR_DATA", Path(__file__).parents[2] / "../shared/data"))
 
 Direction = tuple[float, float, float]
 
@@ -54,7 +56,7 @@ Points = Sequence[tuple[float, Any, float]]
 
 
 def is_there(name: str) -> bool:
-    """Whether the scan itself lies beside the checkout."""
+    """Whether the scan itself is there."""
     return (DATA / f"{name}.nrrd").exists()
 
 
