@@ -89,7 +89,8 @@ def image(device, integrator, off=0.0, bound=None, **_):
     """As if of a device that is ``off``; that of the CPU, which is asked for by its name, is of zeros."""
     rgba = np.full((2, 2, 4), 0.0 if isinstance(device, str) else off, np.float32)
     bounds = None if bound is None else np.full((2, 2), bound, np.float32)
-    return wvr.Image(rgba, np.zeros((2, 2), np.int32), bounds, {})
+    values = rgba[..., 0].astype(np.float64) if isinstance(integrator, wvr.Projection) else None
+    return wvr.Image(rgba, np.zeros((2, 2), np.int32), bounds, {}, values=values)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +101,11 @@ def image(device, integrator, off=0.0, bound=None, **_):
         (wvr.AdaptiveSimpson(1e-3), 1e-3, None, None),
         (wvr.AdaptiveSimpson(1e-3), 5e-3, None, "off the CPU"),
         (wvr.Certified(1e-3), 9e-4, 1e-3, None),
-        (wvr.Certified(1e-3), 1e-3, 5e-4, "4 bounds broken"),
+        (wvr.Certified(1e-3), 9e-4, 5e-4, "4 bounds broken"),
+        (wvr.Certified(1e-3), 1.1e-3, 5e-4, "off the CPU by 0.0011, 0.001 allowed"),
+        (wvr.Isosurface(1.0), 3e-6, 1e-6, "off the CPU by 3e-06, 2e-06 allowed"),
+        (wvr.Projection("max"), 9e-6, 5e-6, None),
+        (wvr.Projection("max"), 9e-6, 4e-6, "4 values differ by more than both bounds"),
     ],
 )
 def test_images_that_are_off_are_found(monkeypatch, integrator, off, bound, said):

@@ -2,6 +2,7 @@
 copied when, and that it is the same image.
 """
 
+from copy import copy
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,9 +12,11 @@ import warp as wp
 import wvr
 import wvr.frame
 import wvr.resident
+from studies.base.ptx import arrays_of
 from wvr.checksum import checksum
 from wvr.clock import Clock
 from wvr.field.samples import extremes
+from wvr.kernels.scene import Halves
 from wvr.launch import get_device
 
 SIZE = (24, 20)
@@ -165,3 +168,97 @@ def test_what_is_known_of_samples_on_a_device_is_found_there(monkeypatch, dtype)
         volume.nan = "error"
         with pytest.raises(ValueError, match="array has 2 NaN or infinite samples of 210"):
             volume.changed()
+
+
+def test_words_of_samples_begin_where_a_gpu_reads_them(monkeypatch):
+    """A part of somebody's array of bytes begins anywhere: what is written into it is noticed, wherever, and what other
+    streams still write is waited for.
+    """
+    bytes_ = np.zeros(8 + 3 * 5 * 7, np.uint8)
+    start = -bytes_.ctypes.data % 8
+    addresses, waits = [], []
+    launch = wp.launch
+    monkeypatch.setattr(
+        wp, "launch", lambda kernel, n, given, **at: addresses.append(given[0].ptr) or launch(kernel, n, given, **at)
+    )
+    monkeypatch.setattr(wp, "synchronize_device", lambda device: waits.append(len(addresses)))
+    for at in (start, start + 3):
+        samples = bytes_[at : at + 105].reshape(3, 5, 7)
+        data = wp.array(ptr=samples.ctypes.data, dtype=wp.uint8, shape=samples.shape, device="cpu")
+        before = checksum(data)
+        for n in (0, 4, 5, 60, 100, 104):
+            samples.flat[n] = 1
+            assert checksum(data) != before
+            samples.flat[n] = 0
+        assert checksum(data) == before
+    assert addresses and not any(address % 8 for address in addresses)
+    assert waits == list(range(len(addresses)))
+
+
+def test_memory_whose_stream_is_not_known_is_waited_for(elsewhere):
+    class Given:
+        values = np.arange(24, dtype=np.float32).reshape(2, 3, 4)
+        __cuda_array_interface__ = None
+        __array_interface__ = values.__array_interface__
+
+        def __len__(self):
+            return 2
+
+    volume = wvr.Volume(Given())
+    assert elsewhere.waits == 1 and volume.range == (0.0, 23.0)
+
+
+@pytest.mark.parametrize("options", [{}, {"memory_limit": "1 GiB"}])
+def test_what_walk_an_image_is_said_to_be_of_is_that_of_its_kernels(monkeypatch, blobs, options):
+    """On a GPU single precision is that of one ray at a time, which bricks have not."""
+    frames, report = [], wvr.Certified.report
+    monkeypatch.setattr(wvr.Certified, "report", lambda self, frame: frames.append(frame) or report(self, frame))
+    image = wvr.render(blobs, TF, size=SIZE, device="cpu", lighting=False, **options)
+    (frame,) = frames
+    scene, bricked = frame.scene, bool(options)
+    assert image.stats["walk"] == "float32" and frame.bricked == bricked
+    halves = Halves(wp.float64, scene.volume.half, scene.integrator.half(scene), vectors=False, brick=bricked)
+    frame.keep = SimpleNamespace(device=Fake())
+    assert report(scene.integrator, frame)["walk"] == ("float32" if halves.leaves else "float64")
+    assert halves.leaves != bricked
+
+
+@pytest.fixture
+def second(monkeypatch):
+    """The CPU once more, as a device of its own."""
+    get_device()
+    device = copy(wp.get_device("cpu"))
+    device.alias = "cpu:1"
+
+    def equal(one, other):
+        return one is other if isinstance(other, wp.Device) else one.alias == other
+
+    monkeypatch.setattr(wp.Device, "__eq__", equal)
+    monkeypatch.setitem(device.runtime.device_map, device.alias, device)
+    return device
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_two_devices_share_nothing(second, monkeypatch, blobs, name):
+    """Whatever a kernel reads or writes is on its device, and nothing that a renderer of the other keeps; by turns."""
+    used, launch = {"cpu": {}, "cpu:1": {}}, wp.launch
+
+    def launched(kernel, items, inputs, *rest, device, **options):
+        for array in arrays_of(inputs):
+            assert array.ptr is None or array.device is device, kernel.key
+            used[device.alias][array.ptr] = array  # not freed, so that no other has its place
+        return launch(kernel, items, inputs, *rest, device=device, **options)
+
+    renderers = [wvr.Renderer(blobs, TF, device=at, **SCENES[name]) for at in ("cpu", second)]
+    monkeypatch.setattr(wp, "launch", launched)
+    images = []
+    for way in ((1, 0.3, 0.2), (0, 1, 0.2)):
+        for renderer in renderers:
+            images.append(renderer.render(wvr.Camera.fit(blobs, way), SIZE).rgba)
+    assert not (set(used["cpu"]) & set(used["cpu:1"])) - {None}
+    assert min(map(len, used.values())) > 3
+    np.testing.assert_array_equal(images[0], images[1])
+    np.testing.assert_array_equal(images[2], images[3])
+    # The second frame of each found its parts as if there were no other.
+    one, other = (renderer.builds for renderer in renderers)
+    assert one == other and one["volume"] == 1

@@ -147,9 +147,8 @@ class Volume(Field):
         if not isinstance(self._data, np.ndarray):
             return self._extremes[2] > 0
         # A sum is finite exactly if all terms are, but for overflow; then look at each.
-        values = self._data
         with np.errstate(over="ignore", invalid="ignore"):
-            return not np.isfinite(values.sum(dtype=np.float64)) and not bool(np.all(np.isfinite(values)))
+            return not np.isfinite(self._data.sum(dtype=np.float64)) and not bool(np.all(np.isfinite(self._data)))
 
     @cached_property
     def range(self) -> tuple[float, float]:
@@ -456,7 +455,8 @@ def _from_device(array: Any) -> Any:
         try:
             if hasattr(array, "__dlpack__"):
                 return _host_view(wp.from_dlpack(array))
-            # This does not say on which of several GPUs it is: on Warp's default.
+            # This does not say on which of several GPUs it is: on Warp's default. Nor does Warp ask on which stream.
+            wp.synchronize_device()
             return wp.array(array, copy=False)
         except Exception as error:
             raise TypeError(f"array of type {type(array).__name__} could not be shared with Warp: {error}") from error

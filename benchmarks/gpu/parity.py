@@ -1,4 +1,4 @@
-"""Images of every kind: as the CPU has them, and within their bounds of the exact ones."""
+"""Images of every kind: as the CPU has them, as far as both bounds say, and within their bounds of the exact ones."""
 
 from __future__ import annotations
 
@@ -56,15 +56,27 @@ def compared(name: str, device: str, side: int = SIDE, pixels: int = PIXELS) -> 
         image = render(device=device)
         first = perf_counter() - start
     reference = on_cpu()
-    limit = allowed(integrator)
+    # With light or shadows bounds are those of opacity.
+    channels = slice(3, 4) if options["lighting"] or options.get("shadows") else slice(0, 4)
     row: Row = {"first frame [s]": first, "off the CPU": off(image.rgba, reference.rgba)}
     row["samples differ"] = int(np.sum(image.samples != reference.samples))
+    apart = np.abs(image.rgba.astype(np.float64) - reference.rgba)
+    limits = allowed(image, reference, integrator, channels)
+    # In parts of what is allowed; where that is nothing, any difference is too much.
+    parts = np.where(apart > 0.0, apart / np.maximum(limits, 1e-300), 0.0)
+    row["of what is allowed"] = float(parts.max())
     wrong = []
-    if row["off the CPU"] > limit:
-        wrong.append(f"off the CPU by {row['off the CPU']:.2g}, {limit:g} allowed")
+    if row["of what is allowed"] > 1.0:
+        at = np.unravel_index(np.argmax(parts), parts.shape)
+        wrong.append(f"off the CPU by {apart[at]:.2g}, {limits[at]:.2g} allowed")
+    if image.values is not None and reference.values is not None:
+        # Where there is nothing there is no number.
+        differ = np.abs(image.values - reference.values) > bounds_of(image) + bounds_of(reference)
+        differ |= np.isnan(image.values) != np.isnan(reference.values)
+        row["values differ"] = int(differ.sum())
+        if row["values differ"]:
+            wrong.append(f"{row['values differ']} values differ by more than both bounds")
     if image.error_bound is not None and not integrator.probes:
-        # With light or shadows the bound is that of opacity.
-        channels = slice(3, 4) if options["lighting"] or options.get("shadows") else slice(0, 4)
         exact = on_cpu(integrator=wvr.Exact()).rgba
         error = np.abs(image.rgba[..., channels] - exact[..., channels]).max(axis=-1)
         row["off exact"] = float(error.max())
@@ -90,8 +102,18 @@ def off(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.abs(one.astype(np.float64) - other).max(initial=0.0))
 
 
-def allowed(integrator: Any) -> float:
-    """How far from the CPU's image one may be: other steps of what has a tolerance may, in light, count twice."""
-    return max(
-        LOOKED_UP if isinstance(integrator, wvr.Preintegrated) else CLOSE, 4 * getattr(integrator, "tolerance", 0.0)
-    )
+def bounds_of(image: wvr.Image) -> np.ndarray:
+    """Of each pixel."""
+    assert image.error_bound is not None
+    return image.error_bound.astype(np.float64)
+
+
+def allowed(image: wvr.Image, reference: wvr.Image, integrator: Any, channels: slice) -> np.ndarray:
+    """How far from the CPU's image one may be, (height, width, 4): in ``channels`` that have bounds by both of them; of
+    those that have none by rounding, and what has a tolerance may take other steps, which in light count twice.
+    """
+    most = LOOKED_UP if isinstance(integrator, wvr.Preintegrated) else CLOSE
+    limits = np.full(image.rgba.shape, max(most, 4 * getattr(integrator, "tolerance", 0.0)))
+    if image.error_bound is not None and reference.error_bound is not None and image.values is None:
+        limits[..., channels] = (bounds_of(image) + bounds_of(reference))[..., None]
+    return limits

@@ -2,7 +2,8 @@
 
 It is the compiler's own code for a GPU that makes the image then: what it does to the arithmetic is seen without
 a GPU, and so is which instructions are executed how often. Approximate functions of GPUs are exact ones here, and a
-block has its threads one after the other. It needs a C compiler.
+block has its threads one after the other. What is read or written outside of all arrays, or where no such number may
+begin, is an error. It needs a C compiler.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ typedef int8_t s8; typedef int16_t s16; typedef int32_t s32; typedef int64_t s64
 typedef u8 b8; typedef u16 b16; typedef u32 b32; typedef u64 b64; typedef float f32; typedef double f64;
 static inline f32 F(u32 x) { f32 y; memcpy(&y, &x, 4); return y; }
 static inline u32 from_f32(f32 x) { u32 y; memcpy(&y, &x, 4); return y; }
+static inline f32 H(u16 x) { _Float16 y; memcpy(&y, &x, 2); return y; }
 static inline f64 D(u64 x) { f64 y; memcpy(&y, &x, 8); return y; }
 static inline u64 from_f64(f64 x) { u64 y; memcpy(&y, &x, 8); return y; }
 static inline u32 prmt(u32 a, u32 b, u32 s) {
@@ -57,10 +59,19 @@ static __attribute__((noinline)) f32 fma_rounded(f32 a, f32 b, f32 c, int way) {
 SATURATED(to_s32, s32, INT32_MIN, INT32_MAX) SATURATED(to_u32, u32, 0, UINT32_MAX)
 SATURATED(to_s64, s64, INT64_MIN, INT64_MAX) SATURATED(to_u64, u64, 0, UINT64_MAX)
 SATURATED(to_s16, s16, INT16_MIN, INT16_MAX) SATURATED(to_u16, u16, 0, UINT16_MAX)
+static const u64 (*known)[2]; static u64 wrong, own[8][2]; static u8 nowhere[64] __attribute__((aligned(64)));
+static int in(u64 at, u64 size, const u64 (*ranges)[2]) {
+  for (; (*ranges)[1]; ranges++) if (at >= (*ranges)[0] && at + size <= (*ranges)[1]) return 1;
+  return 0; }
+static inline u64 checked(u64 at, u64 size) {
+  if (at % size == 0 && (in(at, size, known) || in(at, size, own))) return at;
+  wrong++; return (u64)nowhere; }
 """
 # By operation, what C has for it: of integers and floats alike.
 SIGNS = {"add": "+", "sub": "-", "and": "&", "or": "|", "xor": "^", "div": "/", "rem": "%"}
 CALLS = {"sqrt": "sqrt", "ex2": "exp2", "lg2": "log2", "sin": "sin", "cos": "cos", "abs": "fabs"}
+# Functions of doubles.
+CALLED = {"__internal_accurate_pow": "pow"}
 COMPARED = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", "ge": ">="}
 UNSIGNED = {"lo": "lt", "ls": "le", "hi": "gt", "hs": "ge"}
 ROUNDED = {"rni": "nearbyint", "rmi": "floor", "rpi": "ceil", "rzi": "trunc"}
@@ -85,7 +96,8 @@ class Translation:
     Attributes
     ----------
     source
-        ``run(args, blocks, threads, counts)``: ``counts`` of how often each block of instructions began.
+        ``run(args, blocks, threads, counts, ranges)`` -> how many addresses are wrong: ``counts`` of how often each
+        block of instructions began, ``ranges`` of addresses that there is something at, up to one that ends at 0.
     blocks
         The instructions of each.
     """
@@ -97,14 +109,13 @@ class Translation:
         self.widths: dict[str, str] = {}
         self.symbols: dict[str, str] = {name: f"(u64)args[{n}]" for name, n in self.parameters.items()}
         self.blocks: list[Counter[str]] = []
-        body = rest[rest.index("{") + 1 : rest.rindex("}")]
+        self.locals = 0
+        # Functions that it calls stand behind it.
+        body = rest[rest.index("{") + 1 : rest.index("\n}")]
         lines = ["static void thread(void** args, u32 tid, u32 ctaid, u32 ntid, u32 nctaid, u64* counts) {"]
         lines.append("static _Thread_local u8 shared[1 << 16];")
         fresh = True
-        for line in map(str.strip, body.splitlines()):
-            text = re.sub(r"//.*", "", line).strip()
-            if not text:
-                continue
+        for text in statements(body):
             label = re.fullmatch(r"([$\w]+):", text)
             if label or fresh:
                 if label:
@@ -126,8 +137,9 @@ class Translation:
                 fresh = opcode.startswith(("bra", "ret", "exit"))
         lines.append("}")
         lines.append(
-            "void run(void** args, u32 blocks, u32 threads, u64* counts) { for (u32 b = 0; b < blocks; b++) "
-            "for (u32 t = 0; t < threads; t++) thread(args, t, b, threads, blocks, counts); }"
+            "u64 run(void** args, u32 blocks, u32 threads, u64* counts, const void* ranges) { "
+            "known = ranges; wrong = 0; for (u32 b = 0; b < blocks; b++) "
+            "for (u32 t = 0; t < threads; t++) thread(args, t, b, threads, blocks, counts); return wrong; }"
         )
         self.source = PRELUDE + "\n".join(lines) + "\n"
 
@@ -146,10 +158,16 @@ class Translation:
         if found := re.fullmatch(r"\.local \.align (\d+) \.b8\s+([\w$]+)\[(\d+)\];", text):
             align, name, size = found.groups()
             self.symbols[name] = f"(u64){named(name)}"
-            return f"u8 {named(name)}[{size}] __attribute__((aligned({align})));"
+            self.locals += 1
+            place = f"own[{self.locals - 1}]"
+            put = f"{place}[0] = (u64){named(name)}; {place}[1] = {place}[0] + {size};"
+            return f"u8 {named(name)}[{size}] __attribute__((aligned({align}))); {put}"
         if found := re.fullmatch(r"\.shared \.align \d+ \.b8\s+([\w$]+)\[(\d+)\];", text):
             self.symbols[found.group(1)] = "(u64)shared"
             return ""
+        if found := re.fullmatch(r"\.param \.b64 (\w+);", text):
+            self.symbols[found[1]] = f"(u64)&{found[1]}"
+            return f"u64 {found[1]};"
         if text.startswith(".pragma"):
             return ""
         raise Unknown(text)
@@ -190,6 +208,12 @@ class Translation:
 
     def instruction(self, text: str) -> tuple[str, str]:
         """What it is in C, and its opcode."""
+        if called := re.fullmatch(r"call\.uni \((\w+)\),\s*(\w+),\s*\(([\w, ]*)\);", text):
+            result, function, arguments = called.groups()
+            if function not in CALLED:
+                raise Unknown(text)
+            given = ", ".join(f"D({one})" for one in operands(arguments))
+            return f"{result} = from_f64({CALLED[function]}({given}));", "call"
         found = re.fullmatch(r"(?:@(!?)(%p\d+)\s+)?([a-z][\w.:]*)\s*(.*);", text)
         if not found:
             raise Unknown(text)
@@ -311,21 +335,17 @@ class Translation:
     def memory(self, op: str, how: list[str], given: list[str]) -> str:
         kind, space = how[-1], how[0]
         where, what = (given[1], given[0]) if op == "ld" else (given[0], given[1])
-        start = self.address(where, space)
         size = bits(kind) // 8
-        out = []
-        for n, register in enumerate(operands(what.strip("{}")) if what.startswith("{") else [what]):
-            at = f"(({kind}*){start})[{n}]" if size else ""
-            if op == "ld":
-                out.append(self.put(register, kind, at))
-            else:
-                out.append(f"{at} = {self.value(register, kind)};")
+        registers = operands(what.strip("{}")) if what.startswith("{") else [what]
+        start = self.address(where, space)
+        if space not in ("param", "shared", "const"):
+            start = f"checked({start}, {size * len(registers)})"
         # Loads may write the register that their address is in.
-        return (
-            " ".join(out)
-            if op == "st" or len(out) == 1
-            else f"{{ u64 at = {start}; " + " ".join(part.replace(start, "at") for part in out) + " }"
-        )
+        out = [f"u64 at = {start};"]
+        for n, register in enumerate(registers):
+            at = f"(({kind}*)at)[{n}]"
+            out.append(self.put(register, kind, at) if op == "ld" else f"{at} = {self.value(register, kind)};")
+        return f"{{ {' '.join(out)} }}"
 
     def moved(self, kind: str, given: list[str]) -> str:
         target, source = given
@@ -369,7 +389,7 @@ class Translation:
 
     def converted(self, how: list[str], given: list[str]) -> str:
         target, source = how[-2:]
-        code = self.value(given[1], source)
+        code = f"H({named(given[1])})" if source == "f16" else self.value(given[1], source)
         way = next((ROUNDED[one] for one in how if one in ROUNDED), None)
         if way:
             code = f"{way}{'f' if source == 'f32' else ''}({code})"
@@ -378,6 +398,22 @@ class Translation:
         if "sat" in how:
             code = f"fmin(fmax({code}, 0), 1)"
         return self.put(given[0], target, f"({target})({code})")
+
+
+def statements(body: str) -> Iterator[str]:
+    """Lines without what is said of them; of calls, which have several, all of them in one."""
+    call = ""
+    for line in body.splitlines():
+        text = re.sub(r"//.*", "", line).strip()
+        if text.startswith("call") or call:
+            call += text
+            if text.endswith(";"):
+                yield call
+                call = ""
+        elif len(text) > 1 and text[0] + text[-1] == "{}":
+            yield from ("{", text[1:-1].strip(), "}")
+        elif text:
+            yield text
 
 
 def named(symbol: str) -> str:
@@ -409,13 +445,17 @@ class Compiled:
         ]
         subprocess.run([*command, "-o", str(library), str(source), "-lm"], check=True)
         self._run = ctypes.CDLL(str(library)).run
+        self._run.restype = ctypes.c_uint64
 
     def __call__(self, items: int, inputs: list[Any]) -> Counter[str]:
         """Run it over items; how often each instruction was executed."""
         arguments = [_Bounds(items, items, 1), ctypes.c_int32(0), *map(_packed, inputs)]
         pointers = (ctypes.c_void_p * len(arguments))(*(ctypes.addressof(one) for one in arguments))
         counts = np.zeros(len(self.translation.blocks), np.uint64)
-        self._run(pointers, -(-items // BLOCK), BLOCK, counts.ctypes.data_as(ctypes.c_void_p))
+        ranges = np.array([*_ranges(inputs), (0, 0)], np.uint64)
+        places = (one.ctypes.data_as(ctypes.c_void_p) for one in (counts, ranges))
+        if wrong := self._run(pointers, -(-items // BLOCK), BLOCK, *places):
+            raise RuntimeError(f"{wrong} addresses are outside of all arrays, or where no such number may begin")
         result: Counter[str] = Counter()
         for count, block in zip(counts.tolist(), self.translation.blocks, strict=True):
             for opcode, many in block.items():
@@ -427,6 +467,35 @@ class _Bounds(ctypes.Structure):
     """How Warp tells a kernel what it runs over."""
 
     _fields_ = (("shape", ctypes.c_uint32), ("size", ctypes.c_size_t), ("mult", ctypes.c_size_t))
+
+
+def arrays_of(value: Any) -> Iterator[wp.array]:
+    """Those that a kernel gets by an argument, in structs as well."""
+    if isinstance(value, wp.array):
+        yield value
+    elif isinstance(value, list | tuple):
+        for one in value:
+            yield from arrays_of(one)
+    elif hasattr(value, "_cls"):
+        for name in value._cls.vars:
+            yield from arrays_of(getattr(value, name))
+
+
+def _ranges(inputs: list[Any]) -> Iterator[tuple[int, int]]:
+    """Addresses from where to where arrays are, those in arrays of structs as well."""
+    for array in arrays_of(inputs):
+        if array.ptr:
+            yield array.ptr, array.ptr + array.capacity
+            if hasattr(array.dtype, "vars"):
+                yield from _ranges_in(array.numpy())
+
+
+def _ranges_in(records: np.ndarray) -> Iterator[tuple[int, int]]:
+    if "strides" in (records.dtype.names or ()):
+        for one in records.ravel():
+            yield int(one["data"]), int(one["data"]) + int(one["shape"][0]) * int(one["strides"][0])
+    for name in records.dtype.names or ():
+        yield from _ranges_in(records[name])
 
 
 def _packed(value: Any) -> Any:

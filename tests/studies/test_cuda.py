@@ -76,8 +76,13 @@ def test_instructions_do_what_they_say(tmp_path):
         if run == "usual":
             wp.launch(arithmetic, 290, [0, a, b, n], device="cpu")
         else:
-            counts = ptx.Compiled(arithmetic, tmp_path)(290, [a, b, n])
+            code = ptx.Compiled(arithmetic, tmp_path)
+            counts = code(290, [a, b, n])
             assert counts["st.global.f64"] == 290
+            # Of what a GPU would read beyond, or could not.
+            for given in (a[:289], wp.array(ptr=a.ptr + 2, shape=290, dtype=float, device="cpu")):
+                with pytest.raises(RuntimeError, match="addresses are outside"):
+                    code(290, [given, *(wp.clone(one) for one in (b, n))])
         found.append((b.numpy(), n.numpy()))
     np.testing.assert_allclose(found[1][0], found[0][0], rtol=1e-6)
     np.testing.assert_array_equal(found[1][1], found[0][1])
