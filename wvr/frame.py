@@ -172,7 +172,7 @@ class Frame:
 
         def again(scene: Scene, keep: Keeper, pixel: tuple[int, int] | None) -> list[NDArray]:
             found = probe(Frame(scene, self.camera, size, keep, self.ends), pixel=pixel)
-            return fetched(keep, found.values, found.depths)
+            return fetched(keep, found.values, found.depths, found.rgba)
 
         return image_of(self, pixels, samples, stats, tracer, make_prober(self, again))
 

@@ -222,8 +222,9 @@ class Image:
         x, y
             Column and row of the pixel, from the top left.
         opacity
-            Where its ray has this opacity, in (0, 1]; by default half of what it has in the end, so that there is
-            something wherever anything is visible.
+            Where its ray has this opacity, in (0, 1]; by default half of what the pixel has or, where the bound on its
+            error is so large that the ray does not get there, half of what the ray has, so that there is something
+            wherever anything is visible.
 
         Returns
         -------
@@ -246,7 +247,10 @@ class Image:
         if self.values is not None:
             value = float(self.values[row, column])
         if own > 0:
-            value, depth = map(float, prober(asked, (column, row)))
+            value, depth, there = map(float, prober(asked, (column, row)))
+            if opacity is None and self.values is None and np.isnan(depth) and there > 0:
+                # The image's opacity is off by half of it, or more.
+                value, depth, _ = map(float, prober(0.5 * there, (column, row)))
         assert self.shown is not None
         return Pick(self.shown.camera.unproject(column, row, depth, self.size), value, own)
 

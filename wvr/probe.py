@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from .scene import Scene
 
 Floats = NDArray[np.float64]
-# Values, and depths from the camera's plane, of all pixels or one, where a ray has an opacity.
-Prober = Callable[[float, tuple[int, int] | None], tuple[Floats, Floats]]
+# Values, and depths from the camera's plane, of all pixels or one, where a ray has an opacity, and what it has up to
+# there, or to its end.
+Prober = Callable[[float, tuple[int, int] | None], tuple[Floats, Floats, Floats]]
 
 
 class Probed(NamedTuple):
@@ -58,8 +59,8 @@ def probe(frame: Frame, clock: Clock | None = None, pixel: tuple[int, int] | Non
 
 
 def make_prober(frame: Any, again: Callable[[Scene, Keeper, tuple[int, int] | None], list[Floats]]) -> Prober:
-    """Finds where rays have an opacity: what those of another scene find, in all pixels or in one, when asked
-    ``again``.
+    """Finds where rays have an opacity: values, depths and colours that those of another scene find, in all pixels or
+    in one, when asked ``again``.
     """
     scene = frame.scene
     keep = frame.keep.beside()
@@ -67,7 +68,7 @@ def make_prober(frame: Any, again: Callable[[Scene, Keeper, tuple[int, int] | No
     versions = [volume.version for volume in volumes]
     clips = tuple(clip.exact() for clip in scene.clips)
 
-    def prober(opacity: float, pixel: tuple[int, int] | None) -> tuple[Floats, Floats]:
+    def prober(opacity: float, pixel: tuple[int, int] | None) -> tuple[Floats, Floats, Floats]:
         if pixel is None and scene.integrator.valued and not scene.integrator.seeks:
             raise ValueError(f"depth needs an image of what is somewhere on a ray, got {scene.integrator!r}")
         for volume in volumes:
@@ -79,11 +80,11 @@ def make_prober(frame: Any, again: Callable[[Scene, Keeper, tuple[int, int] | No
         sought.check(frame.camera)
         with keep.lock.held():
             try:
-                values, depths = again(sought, keep, pixel)
+                values, depths, rgba = again(sought, keep, pixel)
             finally:
                 keep.end_of_frame()
         at: Any = slice(None) if pixel is None else (pixel[1], pixel[0])
-        return values[at], depths[at]
+        return values[at], depths[at], rgba[..., 3][at]
 
     return prober
 

@@ -187,7 +187,7 @@ def make_uniform(halves):
             eye = eye_of(scene, direction)
         front = real(0.0)
         if wp.static(ends):
-            front = value(scene.field, origin + real(i) * step * direction)
+            front = value(scene.field, within(scene.field.last, origin + real(i) * step * direction))
         evaluated = int(0)
         # What light does where segment ``shone`` starts.
         first = Intensity()

@@ -114,6 +114,16 @@ def known(monkeypatch):
     return wvr.build_ranges(wvr.open(DATA, spacing=WHOLE.spacing))
 
 
+def test_something_is_found_wherever_there_is_anything(known):
+    """However far off the opacity of a pixel is of which nothing was read."""
+    first, whole = (wvr.render(volume, TF, VIEWS[0], SIZE, **o) for volume, o in ((known, {"budget": 0}), (WHOLE, {})))
+    own, true = first.rgba[..., 3], whole.rgba[..., 3]
+    y, x = np.argwhere((true > 0.01) & (true < 0.49 * own))[0]
+    found, sure = first.pick(x, y), whole.pick(x, y)
+    np.testing.assert_allclose(found.position, sure.position, atol=0.1)
+    assert found.opacity == own[y, x]
+
+
 METHODS = [*map(wvr.Projection, ("max", "min", "mean", "sum")), SURFACES]
 
 

@@ -163,6 +163,20 @@ def test_against_reference(device, integrator, parallel, blobs):
     assert exact[..., 3].max() > 0.5
 
 
+def test_rays_end_in_the_outermost_layer(device):
+    """Samples there are its samples, also where a jump of the transfer function has all that is less on its other
+    side: rounding put rays beside it.
+    """
+    samples = np.zeros((9, 30, 30), np.uint8)
+    samples[-1] = 200
+    tf = wvr.TransferFunction([(0, "red", 0.0), (200, "red", 0.0), (200, "white", 0.4)], unit_distance=1.0)
+    camera = wvr.Camera((12, 13, -50), (15.1, 14.2, 8), up=(0, 1, 0), view_angle=7)
+    image = wvr.render(wvr.Volume(samples), tf, camera, (24, 18), integrator=wvr.Simpson(0.75), device=device)
+    way = camera.unproject(*np.meshgrid(np.arange(24), np.arange(18)), 1.0, (24, 18)) - camera.position
+    left = 8 * np.linalg.norm(way, axis=-1) / way[..., 2] % 0.75  # of rays, for their last segments
+    assert np.abs(image.rgba[..., 3] - (1 - 0.6 ** (left / 6))).max() < 1e-5
+
+
 @pytest.mark.parametrize("position", [(0.2, -0.3, 0.1), (3.4, 0.0, 0.0), (-2.0, 2.9, 3.1)])
 def test_camera_inside(device, position, smooth_tf):
     volume = centered(np.random.default_rng(2).random((8, 8, 8)))

@@ -109,11 +109,11 @@ class BrickedFrame:
         return self.finish(caster, image, stats), store
 
     def found(self, pixel: tuple[int, int] | None) -> list[NDArray[np.float64]]:
-        """Values and depths that an integrator which probes finds in all pixels, or in one."""
+        """Values, depths and colours that an integrator which probes finds in all pixels, or in one."""
         caster, *_ = self._cast(None, pixel)
         assert isinstance(caster, Finder)
         told = caster.told()
-        return fetched(self.keep, told.values, told.depths)
+        return fetched(self.keep, told.values, told.depths, told.rgba)
 
     def _cast(
         self, store: BrickStore | None, only: tuple[int, int] | None = None
@@ -198,6 +198,6 @@ class BrickedFrame:
         return image_of(self, rgba, samples, stats, prober=make_prober(self, self._again))
 
     def _again(self, scene: Scene, keep: Keeper, pixel: tuple[int, int] | None) -> list[NDArray[np.float64]]:
-        """Values and depths of another scene, of whatever has to be read for it."""
+        """Values, depths and colours of another scene, of whatever has to be read for it."""
         reading = replace(self.reading, seconds=None, bytes=None, missing="error", client=False)
         return BrickedFrame(scene, self.camera, self.size, keep, reading, self.ends).found(pixel)

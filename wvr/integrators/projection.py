@@ -40,7 +40,8 @@ class Projection(Integrator):
     ``image.values`` has the values, float64, NaN where a ray misses the volume or all that clips, labels and absent
     samples leave; ``image.error_bound`` is a bound on *their* error, by rounding alone (docs/projections.md), infinite
     where rounding decides whether a ray meets anything. ``image.rgba`` is the transfer function's colour of the value,
-    opaque; opacities do not matter. ``image.depth()`` says where the value is taken: of equal ones the nearest.
+    opaque; opacities do not matter. ``image.depth()`` says where the value is taken: of equal ones the nearest,
+    of ones that only rounding tells apart either.
 
     Parameters
     ----------
