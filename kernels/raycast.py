@@ -198,7 +198,7 @@ def make_raycast(halves):
                     scene.whole = stop - start
                     ray, count, bound = march(scene, point, along, first, last)
                 if wp.static(bounded):
-                    bound = leave(scene, ray, bound, last - first)
+                    ray, bound = leave(scene, ray, bound, last - first, wp.float64(1.0) - scene.opaque)
             start = first
             stop = last
         elif stop > start:
@@ -329,7 +329,7 @@ def make_raycasts(halves):
                     ray = wp.vec4d(results[r, 0], results[r, 1], results[r, 2], results[r, 3])
                     bound = results[r, 5]
                     if wp.static(halves.brick):
-                        bound = leave(scene, ray, bound, lines[r, 7] - lines[r, 6])
+                        ray, bound = leave(scene, ray, bound, lines[r, 7] - lines[r, 6], lines[r, 8])
                 put(x, y, rgba, samples, bounds, ray, int(results[r, 4]), wp.min(bound + offs[r], cap))
 
     return raycasts
@@ -339,7 +339,8 @@ def make_raycasts(halves):
 def make_brick_part(halves):
     """``enter(scene, x, y, rgba, bounds)`` -> whether a brick's ray is still to be seen: one that is opaque asks for
     nothing more, and whatever is here and behind, between 0 and the brightest, is in its bound; and
-    ``leave(scene, ray, bound, length)`` -> the bound on the composite of a length of ray that a march came to.
+    ``leave(scene, ray, bound, length, clear)`` -> the composite of a length of ray, and the bound on it, of what a
+    march came to that ends it at the transparency ``clear``.
     """
     Scene = halves.Scene
     bounded = halves.march.bounded
@@ -357,10 +358,14 @@ def make_brick_part(halves):
         return going
 
     @wp.func
-    def leave(scene: Scene, ray: wp.vec4d, bound: wp.float64, length: wp.float64):
+    def leave(scene: Scene, ray: wp.vec4d, bound: wp.float64, length: wp.float64, clear: wp.float64):
         # What counts for a ray as a whole counts here by its part.
         brick = scene.brick
         astray = wp.max(scene.view.astray - scene.march.allowed, zero) * brick.astray
-        return bound + brick.opacity * ray[3] + brick.length * length + astray * (ray[3] + length / brick.longest)
+        bound += brick.opacity * ray[3] + brick.length * length + astray * (ray[3] + length / brick.longest)
+        if wp.float64(1.0) - ray[3] < wp.float64(wp.static(1.0 - 2.0**-40)) * clear:
+            # It has ended: the march counts what is behind, so that nobody else has to.
+            ray[3] = wp.float64(1.0)
+        return ray, bound
 
     return enter, leave

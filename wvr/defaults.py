@@ -76,11 +76,13 @@ class Call(NamedTuple):
         TypeError, ValueError
             For what is no shorthand, naming the argument.
         """
-        volume.look()
         chosen: Suggestion | None = None
         function: TransferFunction | None = None
-        # What is in a store is looked at in fewer samples, if there are such.
-        seen: Any = getattr(volume, "preview", None) or volume
+        seen: Any = volume
+        if not (isinstance(self.transfer_function, TransferFunction) and isinstance(self.camera, Camera)):
+            volume.look()
+            # What is in a store is looked at in fewer samples, if there are such.
+            seen = getattr(volume, "preview", None) or volume
         method = self.integrator
         segmentation: Any = self.segmentation
         own = isinstance(segmentation, Segmentation)

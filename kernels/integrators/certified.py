@@ -371,8 +371,8 @@ def make_certified(halves):
                     l += 1
             count += n
         total = real(1.0) - T
-        if walk.t < end or (wp.static(halves.cuts.any) and T < clear):
-            # What is behind is not visited; nor is, of a ray that is cut, what is behind this stretch.
+        if walk.t < end or (wp.static(halves.cuts.any or halves.brick) and T < clear):
+            # What is behind is not visited; nor is, of a ray that is cut, what is behind this stretch or brick.
             bound += T * scene.march.brightest
         bound += total * scene.march.tinted + real(count) * scene.march.sum
         if scene.stretch == 0:

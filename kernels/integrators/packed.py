@@ -277,8 +277,8 @@ def make_rays(halves, rays):
         for r in range(last):
             T = one - these.sums[r, 3]
             bound = these.sums[r, 4] + these.sums[r, 3] * scene.march.tinted + real(these.count[r]) * scene.march.sum
-            if these.going[r] != 0 or (wp.static(halves.cuts.any) and T < lines[r, 8]):
-                # What is behind is not visited; nor is, of a ray that is cut, what is behind this stretch.
+            if these.going[r] != 0 or (wp.static(halves.cuts.any or halves.brick) and T < lines[r, 8]):
+                # What is behind is not visited; nor is, of a ray that is cut, what is behind this stretch or brick.
                 bound += wp.max(T, real(0.0)) * scene.march.brightest
             if scene.stretch == 0:
                 # Of the ray as a whole.

@@ -165,12 +165,9 @@ class Caster:
 
     @property
     def ending(self) -> float:
-        """Transparency at which a ray ends; half of what there is, where what is behind an end counts in bounds, once
-        for the rest of the brick and once for the bricks behind.
-        """
+        """Transparency at which a ray ends."""
         scene = self.scene
-        ending = scene.integrator.termination(scene) if scene.termination is None else scene.termination
-        return ending / 2 if self.bounded else ending
+        return scene.integrator.termination(scene) if scene.termination is None else scene.termination
 
     def nothing(self) -> Partial:
         """An image of nothing, of all pixels."""
@@ -179,7 +176,8 @@ class Caster:
 
     def ended(self, image: Partial, rect: Rect) -> bool:
         """Whether all rays of some pixels ended, so that nothing behind is asked for."""
-        return bool((image.through[rect] < self.ending).all())
+        through = image.through[rect]
+        return bool((through[::16, ::16] < self.ending).all() and (through < self.ending).all())
 
     def end(self, image: Partial, rect: Rect, front: NDArray[np.float64] | None = None) -> None:
         """Have the bound of rays that ended hold for whatever is behind, which is between 0 and the brightest;
@@ -221,26 +219,25 @@ class Caster:
         front
             Transparency of what is in front of all of the ``image``, in its pixels.
         """
-        device = self.keep.device
+        if (ready := self.ready(index, brick, rect)) is not None:
+            ready.compose(image, front)
+
+    def ready(self, index: Index, brick: Brick, rect: Rect) -> Ready | None:
+        """All that it takes to ``cast`` a brick; None where there is nothing to see."""
         frame, halves, struct, seen = self.prepared(index, brick)
         if seen.skipped == 1.0 and frame.scene.integrator.anywhere:
-            return
+            return None
         box = self._seen_box(frame.scene, seen)
         looked = common(rect, self.seen_in(*box))
         if looked is None:
-            return
-        part = image.part(looked)
+            return None
         aim(struct, looked)
         struct.opaque = 1.0 - self.ending
         struct.brick.edges = self._edges(*box)
         struct.brick.longest = frame.scene.volume.longest
         for name, value in frame.scene.integrator.spent(frame.scene, self.keep).items():
             setattr(struct.brick, name, value)
-        if front is not None:
-            struct.brick.front = wp.array(front[image.at(looked)], dtype=wp.float64, device=device)
-        bound = np.zeros((1, 1)) if part.bound is None else part.bound
-        with shared(device, (part.rgbt, wp.vec4d), (part.samples, int), (bound, wp.float64)) as outputs:
-            frame.launch(halves, struct, *outputs)
+        return Ready(frame, halves, struct, looked)
 
     def prepared(self, index: Index, brick: Brick) -> tuple[Frame, Halves, Any, Seen]:
         """A frame of a brick, its kernel's halves and struct for pixels that one can ``aim`` at, and what there is to
@@ -262,6 +259,25 @@ class Caster:
             return self.scene.volume.index_box
         assert isinstance(scene.volume, Brick)
         return seen.low + scene.volume.first, seen.high + scene.volume.first
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A brick whose rays are to be cast, in the pixels ``looked`` at."""
+
+    frame: Frame
+    halves: Halves
+    struct: Any
+    looked: Rect
+
+    def compose(self, image: Partial, front: NDArray[np.float64] | None = None) -> None:
+        """Cast them, as of ``Caster.cast``."""
+        device, part = self.frame.device, image.part(self.looked)
+        if front is not None:
+            self.struct.brick.front = wp.array(front[image.at(self.looked)], dtype=wp.float64, device=device)
+        bound = np.zeros((1, 1)) if part.bound is None else part.bound
+        with shared(device, (part.rgbt, wp.vec4d), (part.samples, int), (bound, wp.float64)) as outputs:
+            self.frame.launch(self.halves, self.struct, *outputs)
 
 
 def aim(struct: Any, rect: Rect) -> None:

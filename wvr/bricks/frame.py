@@ -25,7 +25,7 @@ from .store import BESIDE, BrickStore
 from .streamed import Streamed
 
 # Cells of bricks along an axis, of volumes that have no chunks of their own, where there is room for such.
-CELLS = (128, 64, 32, 16)
+CELLS = (256, 128, 64, 32, 16)
 # Rounding of a composition, in parts of the brightest colour.
 COMPOSED = 2.0**-50
 
@@ -130,7 +130,8 @@ class BrickedFrame:
         field: Any = self.scene.volume
         room = float("inf") if self.reading.memory is None else self.reading.memory
         for cells in CELLS:
-            if 2 * (cells + 3) ** 3 * (field.dtype.itemsize + BESIDE) <= room or cells == CELLS[-1]:
+            largest = float(np.prod(np.minimum(cells + 3, field.dimensions)))
+            if 2 * largest * (field.dtype.itemsize + BESIDE) <= room or cells == CELLS[-1]:
                 break
         return Bricks.regular(field.dimensions, (cells,) * 3)
 
@@ -143,19 +144,25 @@ class BrickedFrame:
             store = BrickStore(self.scene.volume, bricks, halo, self.reading.memory)
         caster = caster_of(self.scene, self.camera, self.size, bricks, self.keep, self.ends, only=only)
         image = caster.nothing()
-        cast = 0
-        for index in in_order(bricks, self.scene.volume, self.camera):
-            rect = caster.footprint(index)
-            if rect is None:
-                continue
+        order = in_order(bricks, self.scene.volume, self.camera)
+        rects = {index: rect for index in order if (rect := caster.footprint(index)) is not None}
+        ready = {}
+        if store.keeps_all and not isinstance(caster, Finder):
+            # What is seen in this frame as well, most likely. Kernels in between would slow all of this down.
+            ready = {index: caster.ready(index, store[index], rects[index]) for index in store.seen & rects.keys()}
+        store.seen.clear()
+        for index, rect in rects.items():
             if caster.ended(image, rect):
                 caster.end(image, rect)
                 continue
-            caster.cast(index, store[index], image, rect)
-            cast += 1
+            store.seen.add(index)
+            if (one := ready.get(index)) is not None:
+                one.compose(image)
+            elif index not in ready:
+                caster.cast(index, store[index], image, rect)
             if not store.keeps_all:
                 self.keep.end_of_frame()
-        stats = {"seconds": perf_counter() - start, "bricks": len(list(bricks)), "bricks_rendered": cast}
+        stats = {"seconds": perf_counter() - start, "bricks": len(list(bricks)), "bricks_rendered": len(store.seen)}
         return caster, image, stats, store
 
     def finish(self, caster: Caster, partial: Partial, stats: dict[str, Any]) -> Image:
@@ -176,8 +183,8 @@ class BrickedFrame:
                 farthest = np.maximum(there, scene.brightest - there)
                 farthest[..., 3] = np.maximum(1.0 - there[..., 3], there[..., 3])
                 bound[wide] = np.minimum(bound[wide], farthest.max(axis=-1))
-            bound = (bound + scene.brightest * rounding) * (1 + 2.0**-50)
-            self.error_bound = np.nextafter(bound.astype(np.float32), np.float32(np.inf))
+            bound += scene.brightest * rounding
+            self.error_bound = tightest(bound.astype(np.float64, copy=False))
         return self._image(rgba, partial.samples, stats)
 
     def _told(self, caster: Finder, shown: str, stats: dict[str, Any]) -> Image:

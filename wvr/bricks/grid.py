@@ -98,10 +98,11 @@ class Bricks:
 
 
 def in_order(bricks: Bricks, field: Field, camera: Camera) -> list[Index]:
-    """All bricks that have cells, from the camera outwards."""
-    cells = [np.diff(along) > 0 if len(along) > 2 else [True] for along in bricks.edges]
-    waves = bricks.waves(bricks.first(field, camera))
-    return [index for wave in waves for index in wave if all(own[i] for own, i in zip(cells, index, strict=True))]
+    """All bricks that have cells, from the camera outwards, wave by wave."""
+    numbers = [np.flatnonzero(np.diff(along)) if len(along) > 2 else np.zeros(1, int) for along in bricks.edges]
+    order = np.stack(np.meshgrid(*numbers, indexing="ij"), axis=-1).reshape(-1, 3)
+    distances = np.abs(order - bricks.first(field, camera)).sum(axis=1)
+    return list(map(tuple, order[np.argsort(distances, kind="stable")].tolist()))
 
 
 def footprint(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
 from hashlib import blake2b
 from pathlib import Path
 from threading import Lock
@@ -19,7 +18,7 @@ from ..io.hdf5 import data_of, names_of, opened_hdf5, spacing_of
 from ..io.nifti import layout
 from ..io.npy import LONGEST, header_of
 from .arrays import named, of_array, placed
-from .stored import StoredVolume
+from .stored import Marked, StoredVolume
 
 
 def stamp(path: str) -> tuple[int, ...]:
@@ -87,10 +86,10 @@ class FileMark:
     def __init__(self, path: str):
         self.path = path
 
-    def __call__(self) -> Callable[[Any], str]:
+    def __call__(self) -> Marked:
         found = os.stat(self.path)
         text = blake2b(f"{found.st_size} {found.st_mtime_ns}".encode(), digest_size=8).hexdigest()
-        return lambda spans: text
+        return lambda spans: np.full([len(along) for along in spans], text, "U16")
 
 
 class Mapped:

@@ -6,6 +6,8 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from hashlib import blake2b
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,7 @@ from .arrays import named, of_array, placed
 from .mapped import Hdf5, hdf5, hdf5_name, mapped, nifti
 from .ranges import attach, build, sidecar
 from .reading import active_client, checked_client
-from .stored import StoredVolume
+from .stored import Marked, StoredVolume
 
 Place = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 HDF5 = (".h5", ".hdf5", ".hdf", ".nc", ".nc4")
@@ -253,6 +255,9 @@ def _zarr_array(array: Any, name: str, selection: dict, names: Any = None) -> St
     root = getattr(array.store, "root", None)
     if root is None:
         return volume
+    if _place(array.metadata.encode_chunk_key((10, *range(1, array.ndim)))) != (10, *range(1, array.ndim)):
+        # Of other names nothing is known.
+        return volume
     samples = volume.samples
     marks = _ZarrMarks(Path(root) / array.path, array.metadata, samples.axes, samples.fixed, array.chunks, array.shards)
     return volume.at(marks=marks)
@@ -284,37 +289,56 @@ class _ZarrMarks:
         if was | {"shape": 0} != now | {"shape": 0} or any(a < b for a, b in zip(reach, least, strict=True)):
             raise OSError(f"{self.folder} was replaced by another array, or is gone: open it anew")
 
-    def __call__(self) -> Callable[[tuple[range, range, range]], str]:
-        """By first and last chunk along z, y, x, of the files that there are now.
+    def __call__(self) -> Marked:
+        """Of the files that there are now.
 
         Raises
         ------
         OSError
             Where the array is another.
         """
-        from hashlib import blake2b
-        from itertools import product
-
         self._same()
-        found: dict[str, str] = {}
-        for folder, _, files in os.walk(self.folder):
-            for name in files:
-                path = os.path.join(folder, name)
-                with suppress(OSError):
-                    status = os.stat(path)
-                    key = os.path.relpath(path, self.folder).replace(os.sep, "/")
-                    found[key] = f"{status.st_size:x} {status.st_mtime_ns:x}"
+        files = dict(_stamps(str(self.folder)))
 
-        def mark(spans: tuple[range, range, range]) -> str:
-            along: list[Any] = [[0]] * len(self.chunks)
-            for axis, at in self.fixed:
-                along[axis] = [at // self.files[axis]]
-            for axis, span in zip(self.axes, spans, strict=True):
-                along[axis] = sorted({n * self.chunks[axis] // self.files[axis] for n in span})
-            texts = [found.get(self.metadata.encode_chunk_key(place), "") for place in product(*along)]
-            return blake2b(";".join(texts).encode(), digest_size=6).hexdigest() if any(texts) else "none"
+        def marked(spans: list[list[range]]) -> NDArray[np.str_]:
+            # Which blocks have a file, by its number along each axis of theirs.
+            blocks: list[dict[int, list[int]]] = [{} for _ in spans]
+            for axis, along, found in zip(self.axes, spans, blocks, strict=True):
+                for n, span in enumerate(along):
+                    for number in sorted({chunk * self.chunks[axis] // self.files[axis] for chunk in span}):
+                        found.setdefault(number, []).append(n)
+            texts: dict[tuple[int, ...], list[str]] = {}
+            for key, stamp in sorted(files.items()):
+                place = _place(key)
+                whole = len(place) == len(self.chunks)
+                if whole and all(place[axis] == at // self.files[axis] for axis, at in self.fixed):
+                    those = (found.get(place[axis], []) for axis, found in zip(self.axes, blocks, strict=True))
+                    for block in product(*those):
+                        texts.setdefault(block, []).append(f"{key} {stamp}")
+            marks = np.full([len(along) for along in spans], "none", "U16")
+            for block, parts in texts.items():
+                marks[block] = blake2b(";".join(parts).encode(), digest_size=6).hexdigest()
+            return marks
 
-        return mark
+        return marked
+
+
+def _place(key: str) -> tuple[int, ...]:
+    """Of a chunk's file, by its name ("c/1/2/3", "1.2.3"): its number along each axis; empty of others."""
+    parts = key.replace(".", "/").removeprefix("c/").split("/")
+    return tuple(map(int, parts)) if all(map(str.isdecimal, parts)) else ()
+
+
+def _stamps(folder: str, inside: str = "") -> Iterator[tuple[str, str]]:
+    """Of all files in a folder, by their paths in it: size and time."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            with suppress(OSError):
+                if entry.is_dir():
+                    yield from _stamps(entry.path, f"{inside}{entry.name}/")
+                else:
+                    status = entry.stat()
+                    yield inside + entry.name, f"{status.st_size:x} {status.st_mtime_ns:x}"
 
 
 def _pyramid(node: Any, pyramid: dict, level: int | None, selection: dict, path: Path | None) -> Opened:

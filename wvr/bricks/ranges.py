@@ -174,12 +174,10 @@ def limits_of(samples: NDArray) -> tuple[NDArray, bool]:
 
 def marks_of(volume: StoredVolume) -> NDArray[np.str_]:
     """What tells of each block whether it changed, (bz, by, bx); empty texts where nothing does."""
-    shape = tuple(reversed(volume.blocks_along))
-    marks = np.full(shape, "", "U16")
     samples = volume.samples
     if samples.marks is None:
-        return marks
-    mark = samples.marks()
+        return np.full(tuple(reversed(volume.blocks_along)), "", "U16")
+    marked = samples.marks()
     lengths = samples.chunks or tuple((n,) for n in samples.shape)
     edges = [np.concatenate([[0], np.cumsum(along)]) for along in lengths]
     # Chunks of each block along each axis.
@@ -190,9 +188,7 @@ def marks_of(volume: StoredVolume) -> NDArray[np.str_]:
         ]
         for edge, along in zip(edges, reversed(volume.starts), strict=True)
     ]
-    for k, j, i in np.ndindex(shape):
-        marks[k, j, i] = mark((spans[0][k], spans[1][j], spans[2][i]))
-    return marks
+    return marked(spans)
 
 
 def attach(volume: StoredVolume, path: Path) -> bool:

@@ -31,6 +31,7 @@ class BrickStore:
     def __init__(self, field: Any, bricks: Bricks, halo: Halo, room: int | None):
         self.field, self.bricks, self.halo, self.room = field, bricks, halo, room
         self.version = getattr(field, "version", 0)
+        self.seen: set[Index] = set()  # in the last frame
         self._kept: OrderedDict[Index, Brick] = OrderedDict()
 
     def serves(self, field: Field, bricks: Bricks, halo: Halo, room: int | None) -> bool:

@@ -25,6 +25,8 @@ from .ranges import BlockRanges
 
 # Blocks of several chunks have at most so many samples along an axis, and in all.
 ALONG, IN_ALL = 128, 1 << 22
+# Of blocks along z, y, x, which chunks they are of: texts (bz, by, bx) that change with those.
+Marked = Callable[[list[list[range]]], NDArray[np.str_]]
 # Bytes of a preview at most.
 PREVIEW = 1 << 28
 
@@ -48,7 +50,7 @@ class Samples:
     scale
         (slope, intercept) of stored samples.
     marks
-        What tells whether chunks changed, as of now: a function of the chunks along z, y, x; None where nothing does.
+        What tells whether chunks changed, as of now; None where nothing does.
     """
 
     array: Any
@@ -57,7 +59,7 @@ class Samples:
     fixed: tuple[tuple[int, int], ...] = ()
     chunks: tuple[tuple[int, ...], ...] | None = None
     scale: tuple[float, float] = (1.0, 0.0)
-    marks: Callable[[], Callable[[tuple[range, range, range]], str]] | None = None
+    marks: Callable[[], Marked] | None = None
 
     @property
     def identity(self) -> str:
