@@ -1,8 +1,8 @@
 """The most along a ray, or the least, in vectors: what ``peaks.make_seek`` and ``integrators.extremes`` say.
 
-The faces ahead along the three axes, where they are and where those behind them are go on by themselves, so that a step
-waits for nothing but a minimum. Cells with a corner above what is known wait until there are eight, of which the cubics
-are computed together.
+A tree of nodes with 4 x 4 x 4 children each, down to cells. Of all children of a node it is known at once which the ray
+goes through, from where it is at the faces between them, and which may have more than what is known, from a code of a
+byte each. No way is walked. Cells that are left wait until there are eight, of which the cubics are computed together.
 """
 
 from functools import cache
@@ -10,48 +10,90 @@ from functools import cache
 import warp as wp
 
 from ..vectors import VECTORS
-from .peaks import Peaks, Walk
 from .samples import make_samples
+from .walk import make_walk
+
+
+@wp.struct
+class Tops:
+    """How much there is at most, times a sign, in cells, blocks of 4 x 4 x 4 cells, of 16 x 16 x 16 and so on.
+
+    The code of a value is (value - base) scale, rounded up; one child's is at least that of all there is in it. Where
+    it is less than the ``least``, there is nothing.
+    """
+
+    codes: wp.array(dtype=wp.uint8)  # of the nodes [z, y, x] of a level, each with its children [z, y, x]; cells first
+    base: wp.float64
+    scale: wp.float64
+    least: int
+    exact: bool  # codes are those of no other values
+    most: wp.float64  # of all there is
+
 
 CLIMB = """
-typedef double v4d __attribute__((vector_size(32), aligned(8)));
-typedef long long v4q __attribute__((vector_size(32), aligned(8)));
-typedef int v4i __attribute__((vector_size(16), aligned(4)));
-typedef bool b4 __attribute__((ext_vector_type(4)));
+// Of numbers, which are not NaN where it matters.
+#define LESS(a, b) ((a) < (b) ? (a) : (b))
+#define MORE(a, b) ((a) > (b) ? (a) : (b))
+typedef uint8_t v64 __attribute__((vector_size(64), aligned(1)));
+typedef bool b64 __attribute__((ext_vector_type(64)));
 const auto* __restrict data = field.data.data;
 const int64_t nx = field.data.shape[2], nxy = nx * field.data.shape[1];
-const double shift = SHIFT, sign = SIGN;
-const auto &p = walk.origin, &d = walk.direction, &o = walk.anchor, &v = walk.inverse;
+const double shift = SHIFT, sign = SIGN, from = walk.t, far = 1.0e300;
+const auto &p = walk.origin, &d = walk.direction;
 double most = best, nearest = place;
 int count = 0;
 
-// Cells that wait: where the ray enters and leaves them, their largest corner, faces ahead and first corner.
-alignas(64) double enters[8], leaves[8], tops[8];
-alignas(32) double faces[8][4];
-int64_t firsts[8];
-const v4i up = {v[0] > 0.0, v[1] > 0.0, v[2] > 0.0, 0}, way = {2 * up[0] - 1, 2 * up[1] - 1, 2 * up[2] - 1, 0};
-auto solve = [&](int n) __attribute__((noinline)) {
-    for (int l = n; l < 8; ++l) {
-        enters[l] = leaves[l] = enters[0];
-        tops[l] = -INFINITY;
-        firsts[l] = firsts[0];
-        for (int a = 0; a < 3; ++a) faces[l][a] = faces[0][a];
-    }
-    typedef ACCUMULATOR row __attribute__((vector_size(8 * sizeof(ACCUMULATOR))));
-    alignas(64) ACCUMULATOR corners[8][8];
-    alignas(64) double ahead[3][8];
+// Where the ray is at faces: those at the ends of the grid are as far as can be, as are all across a ray along them.
+double anchor[3], inverse[3], ends[3];
+for (int a = 0; a < 3; ++a) {
+    const double way = walk.inverse[a];
+    const bool along = walk.anchor[a] == -far || !(way < 1.0e30 && way > -1.0e30);
+    anchor[a] = along ? walk.cell[a] + 0.5 : walk.anchor[a];
+    inverse[a] = along ? far : way;
+    ends[a] = walk.last[a] + 1;
+}
+auto at = [&](vd face, int a, bool outer) __attribute__((always_inline)) {
+    const vd there = (face - anchor[a]) * inverse[a];
+    if (!outer) return there;
+    const double behind = inverse[a] > 0.0 ? far : -far;
+    return face <= 0.0 ? (vd){} - behind : face >= ends[a] ? (vd){} + behind : there;
+};
+
+// Cells that wait: their indices along x, y, z.
+alignas(32) int cells[3][8];
+int n = 0;
+auto solve = [&]() __attribute__((noinline)) {
+    for (int l = n; l < 8; ++l)
+        for (int a = 0; a < 3; ++a) cells[a][l] = cells[a][0];
+    // Two corners along x at a time.
+    typedef STORED pairs __attribute__((vector_size(16 * sizeof(STORED))));
+    alignas(64) STORED corners[4][16];
     for (int l = 0; l < 8; ++l) {
-        const auto* q = data + firsts[l];
-        for (int m = 0; m < 8; ++m) corners[m][l] = q[(m >> 2) * nxy + ((m >> 1) & 1) * nx + (m & 1)];
-        for (int a = 0; a < 3; ++a) ahead[a][l] = faces[l][a];
+        const auto* q = data + (cells[2][l] * nxy + cells[1][l] * nx + cells[0][l]);
+        for (int m = 0; m < 4; ++m) {
+            corners[m][2 * l] = q[(m >> 1) * nxy + (m & 1) * nx];
+            corners[m][2 * l + 1] = q[(m >> 1) * nxy + (m & 1) * nx + 1];
+        }
     }
     vd s[8];
-    for (int m = 0; m < 8; ++m) s[m] = sign * (__builtin_convertvector(*(const row*)corners[m], vd) - shift);
-#define ALL(a) (*(const vd*)(a))
-#define CELL(a) (ALL(ahead[a]) - (double)up[a])
+    for (int m = 0; m < 4; ++m) {
+        const pairs both = *(const pairs*)corners[m];
+        const auto low = __builtin_shufflevector(both, both, 0, 2, 4, 6, 8, 10, 12, 14);
+        const auto high = __builtin_shufflevector(both, both, 1, 3, 5, 7, 9, 11, 13, 15);
+        s[2 * m] = sign * (__builtin_convertvector(low, vd) - shift);
+        s[2 * m + 1] = sign * (__builtin_convertvector(high, vd) - shift);
+    }
+    vd top = s[0], t = (vd){} + from, out = (vd){} + stop, cell[3];
+    for (int m = 1; m < 8; ++m) top = MORE(top, s[m]);
+    for (int a = 0; a < 3; ++a) {
+        cell[a] = __builtin_convertvector(*(const v8i*)cells[a], vd);
+        const vd low = at(cell[a], a, true), high = at(cell[a] + 1.0, a, true);
+        t = MORE(t, LESS(low, high));
+        out = LESS(out, MORE(low, high));
+    }
     // The cubic, as ``cell.cubic`` has it.
-    const vd t = ALL(enters), L = ALL(leaves) - t, top = ALL(tops);
-    const vd x = p[0] + t * d[0] - CELL(0), y = p[1] + t * d[1] - CELL(1), z = p[2] + t * d[2] - CELL(2);
+    const vd L = out - t;
+    const vd x = p[0] + t * d[0] - cell[0], y = p[1] + t * d[1] - cell[1], z = p[2] + t * d[2] - cell[2];
     const vd x00 = s[1] - s[0], x10 = s[3] - s[2];
     const vd x01 = s[5] - s[4], x11 = s[7] - s[6];
     const vd v00 = s[0] + x * x00, v01 = s[4] + x * x01;
@@ -63,9 +105,9 @@ auto solve = [&](int n) __attribute__((noinline)) {
     const vd c0 = v0 + z * dz, c1 = d[0] * dx + d[1] * dy + d[2] * dz;
     const vd c2 = d[0] * (d[1] * xy + d[2] * xz) + d[1] * d[2] * yz, c3 = d[0] * d[1] * d[2] * xyz;
     // It lies below the coefficients of Bernstein's polynomials.
-    const vd near = c0 + (1.0 / 3.0) * L * c1, far = near + (1.0 / 3.0) * L * (c1 + L * c2);
+    const vd near = c0 + (1.0 / 3.0) * L * c1, later = near + (1.0 / 3.0) * L * (c1 + L * c2);
     const vd last = c0 + L * (c1 + L * (c2 + L * c3));
-    const vd bound = MIN(MAX(MAX(c0, last), MAX(near, far)), top);
+    const vd bound = LESS(MORE(MORE(c0, last), MORE(near, later)), top);
     const vq known = (c3 - c3 == 0.0) & (L > least);
     auto which = [](vq a) -> int {
         const auto one = __builtin_convertvector(a, b8);
@@ -73,150 +115,208 @@ auto solve = [&](int n) __attribute__((noinline)) {
         __builtin_memcpy(&all, &one, 1);
         return all;
     };
-    int lanes = which(known & ((bound > most) | ((bound == most) & (t < nearest))));
+    int lanes = which(known & ((bound > most) | ((bound == most) & (t < nearest)))) & ((1 << n) - 1);
+    n = 0;
     if (!lanes) return;
     count += __builtin_popcount(lanes);
     // Where it turns, as ``cell.turns`` has it; 0 where it does not.
-    const vd size = MAX(MAX(ABSD(c1), MAX(ABSD(c2), ABSD(c3))), (vd){} + 1.0e-300);
+    const vd size = MORE(MORE(ABSD(c1), MORE(ABSD(c2), ABSD(c3))), (vd){} + 1.0e-300);
     const vd a = 3.0 * c3 / size, b = c2 / size, c = c1 / size, square = b * b - a * c;
-    const vd root = __builtin_elementwise_sqrt(MAX(square, (vd){}));
+    const vd root = __builtin_elementwise_sqrt(MORE(square, (vd){}));
     const vd q = b < 0.0 ? root - b : -(b + root);
     const vq one = (square > 0.0) & (c * q > 0.0) & (ABSD(c) < ABSD(q) * L);
     const vq other = (square > 0.0) & (q * a > 0.0) & (ABSD(q) < ABSD(a) * L);
     const vd u = one ? c / q : (vd){}, w = other ? q / a : (vd){};
-    const vd places[4] = {(vd){}, MIN(u, w), MAX(u, w), L};
-    vd value = (vd){} - INFINITY, at = t;
-    for (int n = 0; n < 4; ++n) {
-        const vd there = MIN(c0 + places[n] * (c1 + places[n] * (c2 + places[n] * c3)), top);
-        at = there > value ? t + places[n] : at;
+    const vd places[4] = {(vd){}, LESS(u, w), MORE(u, w), L};
+    vd value = (vd){} - INFINITY, where = t;
+    for (int m = 0; m < 4; ++m) {
+        const vd there = LESS(c0 + places[m] * (c1 + places[m] * (c2 + places[m] * c3)), top);
+        where = there > value ? t + places[m] : where;
         value = there > value ? there : value;
     }
     for (; lanes; lanes &= lanes - 1) {
         const int l = __builtin_ctz(lanes);
-        if (value[l] > most || (value[l] == most && at[l] < nearest)) {
+        if (value[l] > most || (value[l] == most && where[l] < nearest)) {
             most = value[l];
-            nearest = at[l];
+            nearest = where[l];
         }
     }
 };
 
-// Along the axes: faces ahead, those behind them, where both are; and where the block or cell is in its array.
-struct Ahead {
-    v4d face, next, at, then, size;
-    int64_t place;
+// Nodes: first cells, the code that there is of one, the time at which it is entered, and those children that the ray
+// goes through and that have enough. Times are rounded by far less than ``slop``.
+struct Node {
+    int first[3], code;
+    float t;
+    uint64_t left;
 };
-const v4d anchor = {o[0], o[1], o[2], -1.0e300}, inverse = {v[0], v[1], v[2], 1.0};
-const v4d origin = {p[0], p[1], p[2], 0.0}, direction = {d[0], d[1], d[2], 0.0};
-const v4i end = {walk.last[0], walk.last[1], walk.last[2], 0};
-const wp::array_t<float>* levels[3] = {&peaks.fine, &peaks.middle, &peaks.coarse};
-int64_t rows[4], planes[4], jumps[4][8];
-for (int k = 0; k < 4; ++k) {
-    rows[k] = k ? levels[k - 1]->shape[2] : nx;
-    planes[k] = k ? rows[k] * levels[k - 1]->shape[1] : nxy;
-    for (int m = 0; m < 8; ++m)
-        jumps[k][m] = (m & 1 ? way[0] : 0) + (m & 2 ? way[1] * rows[k] : 0) + (m & 4 ? way[2] * planes[k] : 0);
+Node lists[12][64];
+int counts[12], nexts[12];
+int64_t begins[12], rows[12], planes[12], size = 0;
+int root = 0;
+for (;; ++root) {
+    const int bits = 2 * root + 2;
+    rows[root] = (walk.last[0] >> bits) + 1;
+    planes[root] = rows[root] * ((walk.last[1] >> bits) + 1);
+    begins[root] = size;
+    const int64_t all = planes[root] * ((walk.last[2] >> bits) + 1);
+    size += 64 * all;
+    if (all == 1) break;
 }
-// In the block of 1 << 2 k cells along each axis that has a cell.
-auto enter = [&](v4i cell, int k) __attribute__((always_inline)) {
-    Ahead r;
-    const v4i block = cell >> (2 * k);
-    r.face = __builtin_convertvector((block + up) << (2 * k), v4d);
-    r.size = __builtin_convertvector(way << (2 * k), v4d);
-    r.at = (r.face - anchor) * inverse;
-    r.next = r.face + r.size;
-    r.then = (r.next - anchor) * inverse;
-    r.place = block[2] * planes[k] + block[1] * rows[k] + block[0];
-    return r;
+// In the order of the ray: a bit b is that of the child b ^ flip.
+const int flip = (inverse[0] < 0.0 ? 3 : 0) | (inverse[1] < 0.0 ? 12 : 0) | (inverse[2] < 0.0 ? 48 : 0);
+auto ordered = [&](uint64_t a) __attribute__((always_inline)) {
+    const uint64_t masks[6] = {0x5555555555555555, 0x3333333333333333, 0x0f0f0f0f0f0f0f0f,
+        0x00ff00ff00ff00ff, 0x0000ffff0000ffff, 0x00000000ffffffff};
+    for (int m = 0; m < 6; ++m)
+        if (flip >> m & 1) a = (a >> (1 << m) & masks[m]) | (a & masks[m]) << (1 << m);
+    return a;
 };
-auto axes = [](v4q a) -> int {
-    const b4 one = __builtin_convertvector(a, b4);
-    uint8_t all;
-    __builtin_memcpy(&all, &one, 1);
-    return all & 7;
+const float slop = 2.4e-7f * (float)MORE(from < 0.0 ? -from : from, stop < 0.0 ? -stop : stop) + 1.0e-30f;
+const vf begin = zero + (float)from, end = zero + (float)stop;
+// The least codes that matter: of what is entered before the nearest place of the most, and of what is entered behind.
+int before, behind;
+float till;
+auto raise = [&]() __attribute__((always_inline)) {
+    const double x = (most - tops.base) * tops.scale;
+    const bool some = x > (double)tops.least;
+    before = some ? (int)__builtin_ceil(x) : tops.least;
+    behind = most >= tops.most ? 256 : !some ? tops.least + (tops.exact && x == tops.least)
+        : tops.exact ? (int)x + 1 : before;
+    till = (float)nearest + slop;
 };
-auto first = [](v4d a) __attribute__((always_inline)) {
-    const v4d m = MIN(a, __builtin_shufflevector(a, a, 2, 3, 0, 1));
-    return MIN(m, __builtin_shufflevector(m, m, 1, 0, 3, 2));
+raise();
+// Those of 4 x 4 x 4 children that the ray goes through and that have a code at least.
+auto through = [&](const v4f* enters, const v4f* leaves, const uint8_t* codes, int code)
+    __attribute__((always_inline)) {
+#define ALONG(a) __builtin_shufflevector(a, a, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3)
+#define ACROSS(a) __builtin_shufflevector(a, a, 0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3)
+#define ALL(a, m) __builtin_shufflevector(a, a, m, m, m, m, m, m, m, m, m, m, m, m, m, m, m, m)
+    const vf in = MORE(MORE(ALONG(enters[0]), ACROSS(enters[1])), begin);
+    const vf out = LESS(LESS(ALONG(leaves[0]), ACROSS(leaves[1])), end) + slop;
+    const v4f late = leaves[2] + slop;
+    const uint64_t crossed = (uint64_t)bits(MORE(in, ALL(enters[2], 0)) <= LESS(out, ALL(late, 0)))
+        | (uint64_t)bits(MORE(in, ALL(enters[2], 1)) <= LESS(out, ALL(late, 1))) << 16
+        | (uint64_t)bits(MORE(in, ALL(enters[2], 2)) <= LESS(out, ALL(late, 2))) << 32
+        | (uint64_t)bits(MORE(in, ALL(enters[2], 3)) <= LESS(out, ALL(late, 3))) << 48;
+    const auto enough = __builtin_convertvector(*(const v64*)codes >= (uint8_t)code, b64);
+    uint64_t promising;
+    __builtin_memcpy(&promising, &enough, 8);
+    return code > 255 ? 0 : crossed & promising;
 };
-// Returns whether that is into another block of the next size.
-auto step = [&](Ahead& r, v4d reached, int k) __attribute__((always_inline)) {
-    const auto passed = r.at <= reached;
-    const v4i within = __builtin_convertvector(r.face, v4i) & ((4 << (2 * k)) - 1);
-    const v4q border = (v4q)passed & __builtin_convertvector(within == 0, v4q);
-    r.at = passed ? r.then : r.at;
-    r.face = passed ? r.next : r.face;
-    r.next = r.face + r.size;
-    r.then = (r.next - anchor) * inverse;
-    r.place += jumps[k][axes((v4q)passed)];
-    return axes(border) != 0;
+auto there = [&](int level, const int* first) __attribute__((always_inline)) {
+    const int bits = 2 * level + 2;
+    const int64_t i = first[0] >> bits, j = first[1] >> bits, k = first[2] >> bits;
+    return tops.codes.data + begins[level] + 64 * (k * planes[level] + j * rows[level] + i);
 };
-double t = walk.t;
-Ahead r = enter(v4i{walk.cell[0], walk.cell[1], walk.cell[2], 0}, 1);
-int k = 1, n = 0;
-while (t < stop) {
-    const double peak = levels[k - 1]->data[r.place];
-    const v4d reached = first(r.at);
-    const v4i low = __builtin_convertvector(r.face, v4i) - (up << (2 * k));
-    const bool promising = (peak > most) | ((peak == most) & (t < nearest));
-    if (promising) {
-        // What is in there?
-        const v4i cell = __builtin_convertvector(origin + t * direction, v4i);
-        const v4i there = MAX(MIN(cell, MIN(low + ((1 << (2 * k)) - 1), end)), low);
-        if (k > 1) {
-            r = enter(there, --k);
-            continue;
+auto wait = [&](const int* first, uint64_t left) __attribute__((always_inline)) {
+    for (; left; left &= left - 1) {
+        const int child = __builtin_ctzll(left);
+        cells[0][n] = first[0] + (child & 3);
+        cells[1][n] = first[1] + (child >> 2 & 3);
+        cells[2][n] = first[2] + (child >> 4);
+        if (++n == 8) {
+            solve();
+            raise();
         }
-        const double out = reached[0] < stop ? reached[0] : stop;
-        Ahead c = enter(there, 0);
-        do {
-            const auto* q = data + c.place;
-            const ACCUMULATOR a[8] = {q[0], q[1], q[nx], q[nx + 1], q[nxy], q[nxy + 1], q[nxy + nx], q[nxy + nx + 1]};
-            ACCUMULATOR m[4];
-            for (int i = 0; i < 4; ++i) m[i] = a[2 * i] ABOVE a[2 * i + 1] ? a[2 * i] : a[2 * i + 1];
-            for (int i = 0; i < 2; ++i) m[i] = m[2 * i] ABOVE m[2 * i + 1] ? m[2 * i] : m[2 * i + 1];
-            const double top = sign * ((double)(m[0] ABOVE m[1] ? m[0] : m[1]) - shift);
-            const v4d next = first(c.at);
-            const double then = next[0] > t ? next[0] : t;
-            enters[n] = t;
-            leaves[n] = then < stop ? then : stop;
-            tops[n] = top;
-            *(v4d*)faces[n] = c.face;
-            firsts[n] = c.place;
-            n += (top > most) | ((top == most) & (t < nearest));
-            step(c, next, 0);
-            t = then;
-            if (n == 8) {
-                solve(8);
-                n = 0;
-            }
-        } while (t < out);
     }
-    t = reached[0] > t ? reached[0] : t;
-    if (step(r, reached, k) && !promising && k < 3) {
-        ++k;
-        r = enter(__builtin_convertvector(r.face, v4i) - (up << (2 * k - 2)), k);
+};
+// Times at 24 faces that are so many cells apart.
+typedef float faces24[24];
+auto clock = [&](const int* first, int apart, faces24* times) __attribute__((always_inline)) {
+    const vd faces = {0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0};
+    for (int a = 0; a < 3; ++a) {
+        const bool outer = first[a] == 0 || first[a] + 16 * apart >= (int)ends[a];
+        for (int m = 0; m < 24; m += 8)
+            *(v8f*)&times[a][m] = __builtin_convertvector(at(first[a] + apart * (m + faces), a, outer), v8f);
     }
+};
+// What is left of a node that has a ``place`` among the faces.
+auto look = [&](Node& node, int level, const faces24* times, const int* place) __attribute__((always_inline)) {
+    v4f enters[3], leaves[3];
+    node.t = -INFINITY;
+    for (int a = 0; a < 3; ++a) {
+        const float* face = &times[a][place[a]];
+        const v4f here = *(const v4f*)face, next = *(const v4f*)(face + 1);
+        enters[a] = LESS(here, next);
+        leaves[a] = MORE(here, next);
+        const float t = LESS(face[0], face[4]);
+        node.t = MORE(node.t, t);
+    }
+    node.left = through(enters, leaves, there(level, node.first), node.t < till ? before : behind);
+};
+// All that is left of a node, at once.
+auto list = [&](int level, const int* first, uint64_t left) __attribute__((always_inline)) {
+    const int apart = 1 << (2 * level - 2);
+    alignas(32) faces24 times[3];
+    clock(first, apart, times);
+    const uint8_t* codes = there(level, first);
+    int found = 0;
+    for (left = ordered(left); left; left &= left - 1) {
+        const int child = __builtin_ctzll(left) ^ flip;
+        const int place[3] = {4 * (child & 3), 4 * (child >> 2 & 3), 4 * (child >> 4)};
+        Node& node = lists[level][found];
+        for (int a = 0; a < 3; ++a) node.first[a] = first[a] + apart * place[a];
+        node.code = codes[child];
+        look(node, level - 1, times, place);
+        found += node.left != 0;
+    }
+    counts[level] = found;
+    nexts[level] = 0;
+};
+const int nowhere[3] = {0, 0, 0};
+Node top;
+alignas(32) faces24 times[3];
+for (int a = 0; a < 3; ++a) top.first[a] = 0;
+clock(top.first, 1 << 2 * root, times);
+look(top, root, times, nowhere);
+if (root)
+    list(root, top.first, top.left);
+else
+    wait(top.first, top.left);
+for (int level = root; level && level <= root;) {
+    if (nexts[level] == counts[level]) {
+        ++level;
+        continue;
+    }
+    Node* nodes = lists[level] + nexts[level]++;
+    if (most == -INFINITY) {
+        // Where there may be most.
+        Node* most = nodes;
+        for (Node* other = nodes; other < lists[level] + counts[level]; ++other)
+            most = other->code > most->code ? other : most;
+        const Node first = *most;
+        for (; most > nodes; --most) *most = most[-1];
+        *nodes = first;
+    }
+    if (nodes->code < (nodes->t < till ? before : behind)) continue;
+    if (level == 1)
+        wait(nodes->first, nodes->left);
+    else
+        list(--level, nodes->first, nodes->left);
 }
-if (n) solve(n);
+if (n) solve();
 return wp::vec_t<3, double>(most, nearest, count);
 """
+
+Walk, *_ = make_walk(wp.float64)
 
 
 @cache
 def make_climb(dtype, sign):
-    """``climb(field, peaks, walk, stop, best, place, least)`` -> the best value times the sign on the way to ``stop``,
+    """``climb(field, tops, walk, stop, best, place, least)`` -> the best value times the sign on the way to ``stop``,
     where it is (the nearest of equal ones), and how many cells were solved, from the best that is known and its place
     on. Cells in which the ray is no longer than ``least`` are left out, as are those that are not finite.
     """
     Field = make_samples(dtype)
     shift = "field.shift" if dtype in (wp.float16, wp.float32, wp.float64) else "0.0"
-    types = {wp.float16: "float", wp.float32: "float", wp.float64: "double"}
-    text = CLIMB.replace("SHIFT", shift).replace("SIGN", str(sign)).replace("ABOVE", ">" if sign > 0 else "<")
+    stored = {wp.float16: "float", wp.float32: "float", wp.float64: "double"}.get(dtype, f"{dtype.__name__}_t")
+    text = CLIMB.replace("SHIFT", shift).replace("SIGN", str(sign)).replace("STORED", stored)
 
-    @wp.func_native(VECTORS + text.replace("ACCUMULATOR", types.get(dtype, "int32_t")))
+    @wp.func_native(VECTORS + text)
     def climb(
         field: Field,
-        peaks: Peaks,
+        tops: Tops,
         walk: Walk,
         stop: wp.float64,
         best: wp.float64,

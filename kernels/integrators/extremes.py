@@ -1,8 +1,8 @@
 """The largest or smallest value of the field along a ray: of the cubic in each cell, at its ends and where it turns.
 
-Smallest ones are the largest of what is counted downwards. Peaks say of blocks of 4, 16 and 64 cells along each axis
-how much there is at most, so that a ray leaps over what cannot exceed what it has already found; the block of 16 with
-the highest peak is looked at first.
+Smallest ones are the largest of what is counted downwards. In vectors a tree says how much there is at most in what
+(``field.climb``), so that a ray goes into nothing that cannot exceed what it has already found. One by one peaks do, of
+blocks of 4, 16 and 64 cells along each axis; the block of 16 with the highest peak is looked at first.
 """
 
 from dataclasses import dataclass
@@ -11,6 +11,7 @@ from functools import cache
 import warp as wp
 
 from ..field.cell import at, turns
+from ..field.climb import Tops
 from ..field.peaks import Peaks, promising
 from ..field.walk import make_walk
 from ..transfer.function import make_transfer
@@ -19,7 +20,9 @@ from .found import Found
 
 @wp.struct
 class Extreme:
-    peaks: Peaks  # of values times the sign
+    # Of values times the sign: one by one, and in vectors.
+    peaks: Peaks
+    tops: Tops
     off: wp.float64  # rounding of a value
     range: wp.float64  # of the samples
 
@@ -58,10 +61,10 @@ def make_probe(halves):
     @wp.func
     def climbed(scene: Scene, walk: Walk, stop: real, found: Found):
         """The same, in vectors."""
-        least = real(-1.0)
+        least = real(0.0)
         if not wp.static(finite):
             least = real(2.0) * scene.view.astray
-        best = find(scene.field, scene.march.peaks, walk, stop, found.value, found.place, least)
+        best = find(scene.field, scene.march.tops, walk, stop, found.value, found.place, least)
         if best[0] > found.value or best[1] != found.place:
             found.held = found.state
         found.value = best[0]
@@ -112,8 +115,6 @@ def make_probe(halves):
         found = given
         w = enter(scene.field.last, origin, direction, start)
         end = wp.min(stop, w.out)
-        begin = w
-        until = start
         known = bool(False)
         beside = found.hint >= start and found.hint <= end
         if not wp.static(finite):
@@ -128,13 +129,12 @@ def make_probe(halves):
                 found.place = found.hint
                 found.held = found.state
                 known = True
-        if not known:
-            begin, until = promising(scene.march.peaks, w, end, found.value)
-        for turn in range(2):
-            if turn == 1:
-                begin = w
-                until = end
-            found = search(scene, begin, until, found)
+        if not wp.static(vectors):
+            # The block with the highest peak first.
+            if not known:
+                begin, until = promising(scene.march.peaks, w, end, found.value)
+                found = search(scene, begin, until, found)
+        found = search(scene, w, end, found)
         found.length += stop - start
         return found
 

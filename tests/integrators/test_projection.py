@@ -150,6 +150,20 @@ def test_nothing_that_counts_is_skipped(what):
     assert np.allclose(some.values, every.values, rtol=1e-13, atol=0, equal_nan=True)
 
 
+@pytest.mark.parametrize("what", ["max", "min"])
+def test_of_equal_values_in_long_volumes_the_nearest_is_taken(what):
+    """Whole numbers of few values, in a tree of more levels along one axis than along others; nothing is missed."""
+    samples = np.random.default_rng(4).integers(0, 7, (5, 270, 18)).astype(np.uint8)
+    samples[:, 100:160] = 3
+    middle = np.array((8.5, 134.5, 2))
+    for away in ((12, 400, 3), (-9, -400, 2)):
+        camera = wvr.Camera(middle + away, middle, (0, 0, 1), parallel_scale=4)
+        some, every = (image_of(wvr.Volume(samples), what, camera, (12, 9), skip_empty=skip) for skip in (True, False))
+        assert np.isfinite(some.values).sum() > 40
+        assert np.array_equal(some.values, every.values, equal_nan=True)
+        assert np.array_equal(some.depth(), every.depth(), equal_nan=True)
+
+
 def test_smallest_is_the_largest_of_the_negative():
     samples = np.random.default_rng(3).normal(size=(9, 10, 11))
     camera = wvr.Camera.fit(wvr.Volume(samples))

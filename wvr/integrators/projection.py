@@ -10,6 +10,7 @@ import warp as wp
 
 from ..field.blocks import Everything, Ranges
 from ..field.peaks import Peaks
+from ..field.tops import Tops
 from ..keep import Keeper, Part
 from ..kernels.integrators import extremes, totals
 from ..transfer.function import Transfer
@@ -51,7 +52,8 @@ class Projection(Integrator):
     Notes
     -----
     Rays leap over blocks of 4 to 64 cells that cannot exceed what was found before, and begin where the pixel beside
-    has its value, or in the most promising block. ``image.samples`` counts the cells that were solved. With a
+    has its value, or in the most promising block; on a CPU over cells, too, of which a byte each says how much there is
+    at most. ``image.samples`` counts the cells that were solved. With a
     segmentation, ``"max"`` and ``"min"`` are over all labels that have a transfer function, in the colours of the
     label's; ``"mean"`` and ``"sum"`` over the same, in the colours of the transfer function that is given besides.
     """
@@ -122,7 +124,11 @@ class Projection(Integrator):
         low, high = scene.volume.range
         numbers: dict[str, Any] = {"off": rounding(scene), "range": high - low}
         if self.seeks:
-            return numbers | {"peaks": keep(Peaks(scene.ranges(), self.seeks, bool(scene.skip_empty)))}
+            ranges, skip = scene.ranges(), bool(scene.skip_empty)
+            numbers["peaks"] = keep(Peaks(ranges, self.seeks, skip))
+            if keep.device.is_cpu:
+                numbers["tops"] = keep(Tops(ranges.data, self.seeks, float(low), float(high), skip))
+            return numbers
         return numbers | {"unit": scene.unit, "mean": self.what == "mean", "largest": max(abs(low), abs(high))}
 
     def parts(self, scene: Scene) -> dict[str, Part]:
