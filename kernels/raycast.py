@@ -181,6 +181,11 @@ def make_raycast(halves):
         ray = wp.vec4d()
         count = int(0)
         bound = wp.float64(0.0)
+        off = wp.float64(0.0)
+        cap = wp.float64(0.0)
+        if wp.static(bounded and not halves.brick):
+            # Before, while the ray's line is known.
+            off, cap = around(scene, column, row, point, along, start, stop, loose)
         if wp.static(halves.brick):
             first, last = owned(scene.brick, point, inverted(along), start, stop)
             loose = wp.where(has(first, last, stop, loose), loose, wp.float64(0.0))
@@ -199,12 +204,11 @@ def make_raycast(halves):
                     ray, count, bound = march(scene, point, along, first, last)
                 if wp.static(bounded):
                     ray, bound = leave(scene, ray, bound, last - first, wp.float64(1.0) - scene.opaque)
-            start = first
-            stop = last
+            if wp.static(bounded):
+                off, cap = around(scene, column, row, point, along, first, last, loose)
         elif stop > start:
             ray, count, bound = march(scene, point, along, start, stop)
         if wp.static(bounded):
-            off, cap = around(scene, column, row, point, along, start, stop, loose)
             total = wp.min(bound + off, cap)
             if wp.static(leaves):
                 total = wp.where(bound >= LEAVE, wp.float64(wp.inf), total)

@@ -154,9 +154,9 @@ def make_edge(halves):
             # Nothing is inside; as where there is nothing to see.
             thin = thin or closer_low[a] > closer_high[a]
         start, end = inside(low, high, anchor, inverse, first - e, FAR)
-        nearer, farther = inside(closer_low, closer_high, anchor, inverse, first + e, FAR)
         if not end > start:
             return zero, cap
+        nearer, farther = inside(closer_low, closer_high, anchor, inverse, first + e, FAR)
         loose = end - start
         if farther > nearer and not thin:
             loose -= farther - nearer

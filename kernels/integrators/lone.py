@@ -1,8 +1,8 @@
 """The certified walk of one ray in single precision, cell by cell: what GPUs run, where ``packed`` has packets.
 
-In float64 are where the ray begins, once, and of cells that are cut the cubic. Nothing is kept but a few numbers, none
-in arrays. A ray that needs more, beyond what it may be off by, is left to ``certified``, all of it, in a launch of its
-own: those registers are then not everybody's.
+In float64 are where the ray begins, once, of cells that are cut how far control points are, and of few of them the
+cubic. Nothing is kept but a few numbers, none in arrays. A ray that needs more, beyond what it may be off by, is left
+to ``certified``, all of it, in a launch of its own: those registers are then not everybody's.
 """
 
 from functools import cache
@@ -16,11 +16,11 @@ from ..light.points import make_shading
 from ..ray import LEAVE
 from ..transfer.rows import number
 from .packed import ASTRAY
-from .parts import make_parts
+from .parts import Cut, make_parts
 from .rowed import make_rowed
 from .single import LEFT
 
-# Compilers for GPUs would convert again from float64, cell by cell, what they can.
+# Compilers for GPUs would convert again from float64, cell by cell, what they can, and compute ahead what few need.
 KEPT = """
 #ifdef __CUDA_ARCH__
 asm volatile("" : "+f"(x));
@@ -165,22 +165,33 @@ def make_lone(halves):
                     ray.bound = plus(ray.bound, T * one.e)
                     ray.depth = plus(ray.depth, one.x)
                 elif (c.mean + c.m1 + c.m2 + c.m3) - (c.mean + c.m1 + c.m2 + c.m3) == real(0.0):
-                    # Cut, about its middle in double precision.
-                    tick = wp.float64(0.5) * wp.float64(walk.tick)
-                    h = wp.float64(here.stop - here.start) * tick
-                    p = start + (wp.float64(here.start + here.stop) * tick) * direction
-                    i = here.cell[0]
-                    j = here.cell[1]
-                    k = here.cell[2]
-                    p -= wp.vec3d(wp.float64(i), wp.float64(j), wp.float64(k))
-                    cubic = centered(scene.field, i, j, k, p, h * direction, wp.float64(1.0))
-                    blur = real(0.0)
-                    if wp.static(sharp):
-                        blur = blurs[0] * (wp.abs(c.base) + real(2.0) * c.most) + blurs[1] * (real(4.0) * c.most)
-                    part = cut(scene.march.rows, scene.transfer, spend, cubic, c.h, blur, surface)
+                    # Cut, by the same cubic, or where that is not good enough by one in double precision (S23).
+                    middle = wp.float64(c.base) + wp.float64(c.mean - c.m2 * real(wp.static(1.0 / 3.0)))
+                    m = wp.vec3(c.m1, c.m2, c.m3)
+                    blur = c.blur
+                    part = Cut()
+                    tries = int(2)
+                    while tries > 0:
+                        tries -= 1
+                        part = cut(scene.march.rows, scene.transfer, spend, middle, m, c.h, blur, surface)
+                        if part.whole != 0 and part.e <= spend[0] * part.A + spend[1] * L + over:
+                            break
+                        if tries == 0:
+                            ray.left_over = 1
+                        tick = wp.float64(0.5) * wp.float64(kept(walk.tick))
+                        h = wp.float64(here.stop - here.start) * tick
+                        p = start + (wp.float64(here.start + here.stop) * tick) * direction
+                        i = here.cell[0]
+                        j = here.cell[1]
+                        k = here.cell[2]
+                        p -= wp.vec3d(wp.float64(i), wp.float64(j), wp.float64(k))
+                        cubic = centered(scene.field, i, j, k, p, h * direction, wp.float64(1.0))
+                        middle = cubic[0]
+                        m = wp.vec3(real(cubic[1]), real(cubic[2]), real(cubic[3]))
+                        blur = real(0.0)
+                        if wp.static(sharp):
+                            blur = blurs[0] * (wp.abs(c.base) + real(2.0) * c.most) + blurs[1] * (real(4.0) * c.most)
                     ray.count += part.pieces
-                    if part.whole == 0 or not part.e <= spend[0] * part.A + spend[1] * L + over:
-                        ray.left_over = 1
                     ray.red = plus(ray.red, T * part.color[0])
                     ray.green = plus(ray.green, T * part.color[1])
                     ray.blue = plus(ray.blue, T * part.color[2])

@@ -1,7 +1,7 @@
 """A cell in which the scalar reaches control points, of one ray, in single precision: as ``crossings`` has sixteen.
 
-Its cubic, and how far control points are from its middle, come from double precision, once; all else is single, with
-what that may be off by. Letters and numbers are those of docs/proof-single.md (S13, S14, S17, S22).
+How far control points are from its middle comes from double precision; all else is single, with what that may be off
+by. Letters and numbers are those of docs/proof-single.md (S13, S14, S17, S22, S23).
 """
 
 from functools import cache
@@ -89,9 +89,9 @@ def make_thin():
 
 @cache
 def make_parts(sharp=False, lighted=False, clipped=False):
-    """``cut(rows, transfer, spend, m, h, blur, surface)`` -> ``Cut`` of the cubic ``m``, as of ``cell.make_centered``,
-    of half a length h and rounded by ``blur``; of transfer functions that are ``sharp`` or not, of rays that are
-    ``lighted``, with a ``Surface``, and that clips cut or not.
+    """``cut(rows, transfer, spend, m0, m, h, blur, surface)`` -> ``Cut`` of the cubic about the middle,
+    m0 + m[0] v + m[1] v^2 + m[2] v^3, of half a length h and rounded by ``blur``; of transfer functions that are
+    ``sharp`` or not, of rays that are ``lighted``, with a ``Surface``, and that clips cut or not.
     """
     real = wp.float32
     Transfer, _, _ = make_transfer(wp.float64)
@@ -189,10 +189,10 @@ def make_parts(sharp=False, lighted=False, clipped=False):
         return total
 
     @wp.func
-    def piece(rows: Rows, transfer: Transfer, spend: wp.vec3, given: wp.vec4d, h: real, c: Cut, surface: Surface):
+    def piece(
+        rows: Rows, transfer: Transfer, spend: wp.vec3, m0: wp.float64, m: wp.vec3, h: real, c: Cut, surface: Surface
+    ):
         """From where ``c`` is to where it stops, in its interval."""
-        m0 = given[0]
-        m = wp.vec3(real(given[1]), real(given[2]), real(given[3]))
         zero = real(0.0)
         k = c.k
         outer = rows.fitted - 1
@@ -246,15 +246,13 @@ def make_parts(sharp=False, lighted=False, clipped=False):
         return result
 
     @wp.func
-    def cut(rows: Rows, transfer: Transfer, spend: wp.vec3, middle: wp.vec4d, h: real, blur: real, given: Surface):
+    def cut(
+        rows: Rows, transfer: Transfer, spend: wp.vec3, m0: wp.float64, m: wp.vec3, h: real, blur: real, given: Surface
+    ):
         one = real(1.0)
         zero = real(0.0)
-        m0 = middle[0]
-        m = wp.vec3(real(middle[1]), real(middle[2]), real(middle[3]))
         size = wp.abs(m[0]) + wp.abs(m[1]) + wp.abs(m[2])
-        ripple = real(wp.static(RIPPLE)) * size
-        if wp.static(sharp):
-            ripple += blur
+        ripple = real(wp.static(RIPPLE)) * size + blur
         first, second = turns(m)
         outer = rows.fitted - 1
         value = -m[0] + m[1] - m[2]
@@ -294,7 +292,7 @@ def make_parts(sharp=False, lighted=False, clipped=False):
                     surface = given
                     if wp.static(lighted):
                         surface.T = T * given.T
-                    added = piece(rows, transfer, spend, middle, h, c, surface)
+                    added = piece(rows, transfer, spend, m0, m, h, c, surface)
                     good = added.good != 0
                     if good:
                         c.color = c.color + T * added.color

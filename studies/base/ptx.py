@@ -484,7 +484,7 @@ def arrays_of(value: Any) -> Iterator[wp.array]:
 def _ranges(inputs: list[Any]) -> Iterator[tuple[int, int]]:
     """Addresses from where to where arrays are, those in arrays of structs as well."""
     for array in arrays_of(inputs):
-        if array.ptr:
+        if array.size:
             yield array.ptr, array.ptr + array.capacity
             if hasattr(array.dtype, "vars"):
                 yield from _ranges_in(array.numpy())
@@ -492,7 +492,7 @@ def _ranges(inputs: list[Any]) -> Iterator[tuple[int, int]]:
 
 def _ranges_in(records: np.ndarray) -> Iterator[tuple[int, int]]:
     if "strides" in (records.dtype.names or ()):
-        for one in records.ravel():
+        for one in records[records["data"] > 0].ravel():
             yield int(one["data"]), int(one["data"]) + int(one["shape"][0]) * int(one["strides"][0])
     for name in records.dtype.names or ():
         yield from _ranges_in(records[name])

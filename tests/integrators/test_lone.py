@@ -161,7 +161,9 @@ def make_cutting(sharp):
         blur: wp.float32,
         result: wp.array(dtype=Cut),
     ):
-        result[wp.tid()] = cut(rows, transfer, spend, cubic[wp.tid()], h[wp.tid()], blur, Surface())
+        c = cubic[wp.tid()]
+        m = wp.vec3(wp.float32(c[1]), wp.float32(c[2]), wp.float32(c[3]))
+        result[wp.tid()] = cut(rows, transfer, spend, c[0], m, h[wp.tid()], blur, Surface())
 
     return cutting
 
@@ -172,10 +174,10 @@ def test_cut_cells_are_within_their_bounds(sharp):
     whichever scalar there is within rounding.
     """
     rng = np.random.default_rng(7)
-    spend, left_over, many, cutting = (1e-3, 1e-6, 1.0), 0, 0, make_cutting(sharp)
-    # So large that it is more than samples are off by.
-    blur = 2e-4 * sharp
-    for _ in range(16):
+    spend, left_over, cutting = (1e-3, 1e-6, 1.0), [0.0, 0.0], make_cutting(sharp)
+    for trial in range(16):
+        # So large that it is more than samples are off by; without jumps also none, as of cubics in double precision.
+        blur = 2e-4 * (sharp or trial % 2)
         n = int(rng.choice([3, 5, 12]))
         x = np.sort(rng.random(n))
         x = x[np.diff(x, prepend=-1) > 3e-3]
@@ -192,8 +194,7 @@ def test_cut_cells_are_within_their_bounds(sharp):
         cubic[1:4, ::13] = 0
         transfer = struct_of(Keeper(get_device("cpu"))(Transfer(tf, 1.0, 0.0, "float64", False)))
         table, bins, numbers = rows(tf.knots, transfer_values(tf, 1.0), 0.0, 1.0)
-        if sharp:
-            numbers["narrow"] = 1e-3
+        numbers["narrow"] = 1e-3
         struct = Rows()
         struct.row, struct.bins = wp.array(table, device="cpu"), wp.array(bins, device="cpu")
         leaps = jumps(tf.knots, transfer_values(tf, 1.0), numbers["narrow"])
@@ -218,9 +219,9 @@ def test_cut_cells_are_within_their_bounds(sharp):
                 assert np.all(np.abs(off[whole]) <= e)
         assert np.allclose(1 - np.exp(-found["x"][whole].astype(float)), found["A"][whole], rtol=1e-5, atol=1e-7)
         good = whole & (found["e"] <= 2 * spend[0] * found["A"] + 1e-5)
-        left_over, many = left_over + int((~good).sum()), many + MOST
+        left_over[blur > 0] += float((~good).mean()) / (16 if sharp else 8)
     # Of so large a blur most is more than is allowed.
-    assert left_over < (0.9 if sharp else 0.1) * many
+    assert left_over[1] < 0.9 and left_over[0] < 0.1
 
 
 @pytest.mark.filterwarnings("ignore:.*visible", "ignore:.*bounded by more")
