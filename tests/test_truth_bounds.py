@@ -308,6 +308,36 @@ def test_control_points_beside_large_ones():
         assert np.abs(exact.rgba[..., 3] - opacity).max() < 1e-13
 
 
+@pytest.mark.parametrize(
+    "dtype, exponent, largest",
+    [
+        ("float64", -170, 1.0),  # of which single precision holds nothing,
+        ("float64", -145, 1.0),  # or a few digits,
+        ("float32", -149, 1.0),
+        ("float64", -1074, 1.0),  # as double precision does
+        ("float64", -1074, 2.0**100),  # where scalars are counted in another unit
+    ],
+)
+@pytest.mark.parametrize("precision", ["auto", "float64"])
+def test_samples_that_underflow_beside_control_points(dtype, exponent, largest, precision):
+    camera = wvr.Camera(position=(9, 6, 12), target=(2, 2, 2), up=(0, 1, 0))
+
+    def scene(samples, largest):
+        # All that counts is the side of 0: the same for samples of any size.
+        points = [(-largest, "red", 0.6), (0, "red", 0.6), (0, "red", 0.0), (largest, "red", 0.0)]
+        return wvr.Volume(samples), wvr.TransferFunction(points), camera, (16, 16)
+
+    noise = np.random.default_rng(5).integers(-9, 10, (5, 5, 5))
+    for samples in (noise, np.full((5, 5, 5), -1)):
+        truth = wvr.render(*scene(samples.astype(float), 10.0), integrator=EXACT).rgba
+        little = np.ldexp(samples.astype(dtype), exponent)
+        image = wvr.render(*scene(little, largest), tolerance=1e-3, precision=precision)
+        assert truth[..., 3].max() > 0.3
+        assert np.all(off(image, truth) <= image.error_bound + 1e-12)
+    # What rounding cannot change is known.
+    assert image.error_bound.max() < 1e-3
+
+
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 3e-7, 2e-7, 1e-7])
 @pytest.mark.parametrize("precision", ["auto", "float32", "float64"])
 @pytest.mark.parametrize("brightness", [1.0, 30.0])

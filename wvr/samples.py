@@ -30,6 +30,12 @@ class Grid(NamedTuple):
     files: tuple[Path, ...] = ()
 
 
+def times_power(numbers: NDArray, exponent: int) -> NDArray[np.float64]:
+    """Numbers times ``2**exponent``, each on the side of 0 that it is on, however little it is."""
+    found = np.ldexp(numbers.astype(np.float64), exponent)
+    return np.where((found == 0) & (numbers != 0), np.copysign(np.nextafter(0.0, 1.0), numbers), found)
+
+
 def narrowed(array: NDArray) -> NDArray:
     """The array itself, or for bool and wide integers its values in the smallest accepted dtype that holds them all."""
     if array.dtype.kind not in "biu" or array.dtype.newbyteorder("=").name in DTYPES or array.size == 0:

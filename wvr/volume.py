@@ -27,7 +27,7 @@ from .keep import Keeper
 from .kernels.field.grid import Grid
 from .launch import get_device
 from .memory import free_host_memory, gib
-from .samples import DTYPES, NanPolicy
+from .samples import DTYPES, NanPolicy, times_power
 from .validation import any_array, choice, finite_vector, outside
 
 if TYPE_CHECKING:
@@ -325,7 +325,7 @@ class Volume(Field):
     def scaled(self, exponent: int) -> Volume:
         """The same with samples times ``2**exponent``, in float64; kept until the samples change."""
         if exponent not in self._scaled:
-            samples = np.ldexp(self.host().astype(np.float64), exponent)
+            samples = times_power(self.host(), exponent)
             self._scaled = {exponent: Volume(samples, self.spacing, self.origin, self.direction, self.nan)}
         return self._scaled[exponent]
 

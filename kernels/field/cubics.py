@@ -16,6 +16,8 @@ from .samples import make_samples
 U = 2.0**-24
 FIELD_ULPS = 256 * U
 CORNER_ULPS = 4 * U
+# And of what underflows: next to nothing beside control points, of which some are above 2^-31.
+TINY = 2.0**-120
 
 # Where cells are: in double, then relative to the cell's corner in single; and half the way through them (S1).
 PLACED = """
@@ -79,6 +81,10 @@ CORNERS
     *(vf*)(out + 6 * CELLS) = wide * (FIELD_ULPS) ROUNDED;
 }
 """
+# What differs still does in single precision.
+NARROWED = """
+auto narrowed = [](double a) -> float { return (float)a != 0.0f || a == 0.0 ? (float)a : 0x1p-149f; };
+"""
 # Pairs of corners along x, two numbers in one.
 INTEGER = {
     "STORE": "alignas(64) int pair[4][CELLS];",
@@ -102,25 +108,25 @@ INTEGER = {
 """,
 }
 FLOATING = {
-    "STORE": "alignas(64) float pair[9][CELLS];",
+    "STORE": NARROWED + "alignas(64) float pair[9][CELLS];",
     "EACH_CELL": "",
     "LOAD": """
     const double c0 = double(c[0]), c2 = double(c[nx]), c4 = double(c[nxy]), c6 = double(c[nxy + nx]);
     pair[0][l] = (float)(c0 - field.shift);
     pair[8][l] = (double)pair[0][l] == c0 - field.shift ? 0.0f : CORNER_ULPS;
-    pair[1][l] = (float)(c2 - c0);
-    pair[2][l] = (float)(c4 - c0);
-    pair[3][l] = (float)(c6 - c0);
-    pair[4][l] = (float)(double(c[1]) - c0);
-    pair[5][l] = (float)(double(c[nx + 1]) - c2);
-    pair[6][l] = (float)(double(c[nxy + 1]) - c4);
-    pair[7][l] = (float)(double(c[nxy + nx + 1]) - c6);
+    pair[1][l] = narrowed(c2 - c0);
+    pair[2][l] = narrowed(c4 - c0);
+    pair[3][l] = narrowed(c6 - c0);
+    pair[4][l] = narrowed(double(c[1]) - c0);
+    pair[5][l] = narrowed(double(c[nx + 1]) - c2);
+    pair[6][l] = narrowed(double(c[nxy + 1]) - c4);
+    pair[7][l] = narrowed(double(c[nxy + nx + 1]) - c6);
 """,
     "CORNERS": """
 #define CORNER(m) *(const vf*)(pair[m] + u)
     const vf base = CORNER(0), e010 = CORNER(1), e001 = CORNER(2), e011 = CORNER(3);
     const vf x00 = CORNER(4), x10 = CORNER(5), x01 = CORNER(6), x11 = CORNER(7);
-    const vf coarse = ABS(base) * CORNER(8);
+    const vf coarse = (ABS(base) + TINY) * CORNER(8);
 """,
 }
 # Pairs of float32 likewise, whose differences single precision has as exactly as double rounded.
@@ -150,7 +156,7 @@ SINGLE = {
         const auto same = __builtin_convertvector(base8[b], vd) == exact;
         coarse8[b] = __builtin_convertvector(same ? (vd){} : (vd){} + CORNER_ULPS, v8f);
     }
-    const vf base = JOIN(base8[0], base8[1]), coarse = ABS(base) * JOIN(coarse8[0], coarse8[1]);
+    const vf base = JOIN(base8[0], base8[1]), coarse = (ABS(base) + TINY) * JOIN(coarse8[0], coarse8[1]);
 """,
 }
 # How two integers lie in a larger one: its type, and either of them.
@@ -203,7 +209,7 @@ for (int j = 0; j < n; j += 8) {
     *(vd*)(to + 4 * room) = h;
     vd low = CORNER(0), high = low;
     for (int m = 1; m < 8; ++m) low = MIN(low, CORNER(m)), high = MAX(high, CORNER(m));
-    *(vd*)(to + 5 * room) = high > low ? ulps[0] * MAX(high, -low) + ulps[1] * (high - low) : (vd){};
+    *(vd*)(to + 5 * room) = high > low ? ulps[0] * MAX(high, -low) + ulps[1] * (high - low) + TINY : (vd){};
 }
 """
 
@@ -219,7 +225,7 @@ def make_centered(dtype):
     Field = make_samples(dtype)
     shifted = "- field.shift" if dtype in (wp.float16, wp.float32, wp.float64) else ""
 
-    @wp.func_native(VECTORS + CENTERED.replace("SHIFTED", shifted))
+    @wp.func_native(VECTORS + CENTERED.replace("SHIFTED", shifted).replace("TINY", repr(TINY)))
     def centered(
         field: Field,
         lines: wp.array2d(dtype=wp.float64),
@@ -286,7 +292,7 @@ def make_cubics(dtype, count):
     """
     Field = make_samples(dtype)
     integer = dtype in PAIRS
-    text = CUBICS.replace("ROUNDED", "" if integer else "+ coarse")
+    text = CUBICS.replace("ROUNDED", "" if integer else "+ coarse + MIN(wide * 0x1p29f, zero + TINY)")
     for name, code in (INTEGER if integer else SINGLE if dtype is wp.float32 else FLOATING).items():
         text = text.replace(name, code)
     if integer:
@@ -296,6 +302,7 @@ def make_cubics(dtype, count):
     for name, value in {
         "FIELD_ULPS": f"{FIELD_ULPS!r}f",
         "CORNER_ULPS": f"{CORNER_ULPS!r}f",
+        "TINY": f"{TINY!r}f",
         "CELLS": str(count),
     }.items():
         text = text.replace(name, value)
@@ -322,6 +329,10 @@ def make_cubics_one_by_one(dtype):
     @wp.func
     def corner(field: Field, i: int, j: int, k: int):
         return wp.float64(field.data[k, j, i])
+
+    @wp.func
+    def narrowed(a: wp.float64):
+        return wp.where(real(a) != real(0.0) or a == wp.float64(0.0), real(a), real(wp.static(2.0**-149)))
 
     @wp.func
     def cubics(
@@ -360,13 +371,13 @@ def make_cubics_one_by_one(dtype):
             c4 = corner(field, i, j, k + 1)
             c6 = corner(field, i, j + 1, k + 1)
             base = real(c0 - field.shift)
-            e010 = real(c2 - c0)
-            e001 = real(c4 - c0)
-            e011 = real(c6 - c0)
-            x00 = real(corner(field, i + 1, j, k) - c0)
-            x10 = real(corner(field, i + 1, j + 1, k) - c2)
-            x01 = real(corner(field, i + 1, j, k + 1) - c4)
-            x11 = real(corner(field, i + 1, j + 1, k + 1) - c6)
+            e010 = narrowed(c2 - c0)
+            e001 = narrowed(c4 - c0)
+            e011 = narrowed(c6 - c0)
+            x00 = narrowed(corner(field, i + 1, j, k) - c0)
+            x10 = narrowed(corner(field, i + 1, j + 1, k) - c2)
+            x01 = narrowed(corner(field, i + 1, j, k + 1) - c4)
+            x11 = narrowed(corner(field, i + 1, j + 1, k + 1) - c6)
             wide = wp.max(
                 wp.max(wp.max(wp.abs(e010), wp.abs(e001)), wp.max(wp.abs(e011), wp.abs(x00))),
                 wp.max(wp.max(wp.abs(x10), wp.abs(x01)), wp.abs(x11)),
@@ -387,8 +398,10 @@ def make_cubics_one_by_one(dtype):
             xy = xy0 + fz * xyz
             m2 = hx * (hy * xy + hz * xz) + hy * (hz * yz)
             blur = wide * real(wp.static(FIELD_ULPS))
+            if wide > real(0.0):
+                blur += real(wp.static(TINY))
             if wp.float64(base) != c0 - field.shift:
-                blur += wp.abs(base) * real(wp.static(CORNER_ULPS))
+                blur += (wp.abs(base) + real(wp.static(TINY))) * real(wp.static(CORNER_ULPS))
             cubic[0, l] = base
             cubic[1, l] = v0 + fz * dz + m2 * real(wp.static(1.0 / 3.0))
             cubic[2, l] = hx * dx + hy * dy + hz * dz

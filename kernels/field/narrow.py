@@ -7,7 +7,7 @@ from functools import cache
 
 import warp as wp
 
-from .cubics import CORNER_ULPS, U
+from .cubics import CORNER_ULPS, NARROWED, TINY, U
 from .samples import make_samples
 
 # Rounding of the scalar where the place in a cell comes from its faces (S16), in parts of the largest difference.
@@ -23,8 +23,8 @@ const A c0 = A(c[0]), c2 = A(c[nx]), c4 = A(c[nxy]), c6 = A(c[nxy + nx]), shift 
 const A base = c0 - shift, back = c0 - base;
 const bool exact = (c0 - (base + back)) + (back - shift) == A(0) && A((float)base) == base;
 const float all[9] = {
-    (float)base, (float)(c2 - c0), (float)(c4 - c0), (float)(c6 - c0), (float)(A(c[1]) - c0),
-    (float)(A(c[nx + 1]) - c2), (float)(A(c[nxy + 1]) - c4), (float)(A(c[nxy + nx + 1]) - c6), exact ? 0.0f : ULPS
+    (float)base, narrowed(c2 - c0), narrowed(c4 - c0), narrowed(c6 - c0), narrowed(A(c[1]) - c0),
+    narrowed(A(c[nx + 1]) - c2), narrowed(A(c[nxy + 1]) - c4), narrowed(A(c[nxy + nx + 1]) - c6), exact ? 0.0f : ULPS
 };
 wp::vec_t<9, float> result;
 for (int i = 0; i < 9; ++i) result.c[i] = all[i];
@@ -61,7 +61,9 @@ def make_narrow(dtype):
     wide = WIDE.get(dtype, "int")
     shift = "field.shift" if dtype in WIDE else "0"
 
-    @wp.func_native(CORNERS.replace("WIDE", wide).replace("SHIFT", shift).replace("ULPS", f"{CORNER_ULPS!r}f"))
+    text = NARROWED + CORNERS if wide == "double" else CORNERS.replace("narrowed(", "(float)(")
+
+    @wp.func_native(text.replace("WIDE", wide).replace("SHIFT", shift).replace("ULPS", f"{CORNER_ULPS!r}f"))
     def corners(field: Field, i: int, j: int, k: int) -> vec9: ...
 
     @wp.func
@@ -101,7 +103,9 @@ def make_narrow(dtype):
         result.mean = v0 + f[2] * dz + result.m2 * real(wp.static(1.0 / 3.0))
         result.h = h
         result.most = wide
-        result.blur = wide * ulps + wp.abs(c[0]) * c[8]
+        result.blur = wide * ulps + (wp.abs(c[0]) + real(wp.static(TINY))) * c[8]
+        if wide > real(0.0):
+            result.blur += real(wp.static(TINY))
         return result
 
     return narrow

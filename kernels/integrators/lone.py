@@ -9,6 +9,7 @@ from functools import cache
 
 import warp as wp
 
+from ..field.cubics import TINY
 from ..field.narrow import FACE_ULPS
 from ..field.ticks import make_ticks, narrowed
 from ..light.glow import Surface, Thin, make_glow
@@ -191,6 +192,7 @@ def make_lone(halves):
                         blur = real(0.0)
                         if wp.static(sharp):
                             blur = blurs[0] * (wp.abs(c.base) + real(2.0) * c.most) + blurs[1] * (real(4.0) * c.most)
+                            blur += real(wp.static(TINY))
                     ray.count += part.pieces
                     ray.red = plus(ray.red, T * part.color[0])
                     ray.green = plus(ray.green, T * part.color[1])

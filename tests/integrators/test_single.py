@@ -1,6 +1,7 @@
 """Cells in single precision: rows, the vectors against what they say in Warp, and ticks against the walk."""
 
 import platform
+from fractions import Fraction
 from functools import cache
 
 import numpy as np
@@ -79,6 +80,23 @@ def test_rows_deviate_by_no_more_than_they_say(seed):
     assert np.all(np.abs(tau - true[..., 3]) <= some[:, 5:6] * (1 + 1e-6) + slack)
     assert np.all(np.abs(color - true[..., :3]).max(-1) <= some[:, 6:7] * (1 + 1e-6) + 1e-12)
     assert np.all(np.abs(some[:, 12:15]).max(axis=1) <= some[:, 7])
+
+
+def test_a_control_point_within_rounding_of_the_end_of_a_window():
+    # Windows end between numbers of double precision, at some 4.4 of the last place.
+    knots = 65535 + np.spacing(65535.0) * np.array([0, 4, 5, 901])
+    values = np.column_stack([np.ones((4, 3)), [0.0, 0, 1, 1]])
+    table, _, numbers = rows(knots, values, knots[0], knots[-1])
+    some = table[numbers["fitted"] :].astype(float)
+    some = some[some[:, 1] > 0]
+    asked = 0
+    for row in some[some[:, 0] == 65535]:
+        end = Fraction(row[0]) + Fraction(row[1])
+        if Fraction(knots[1]) < end < Fraction(knots[2]):
+            true = float((end - Fraction(knots[1])) / (Fraction(knots[2]) - Fraction(knots[1])))
+            assert abs(row[2] + row[1] * (row[3] + row[1] * row[4]) - true) <= row[5] * (1 + 1e-6)
+            asked += 1
+    assert asked
 
 
 def test_a_smooth_map_needs_few_rows():

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..launch import Cancelled, waited
+from ..samples import times_power
 from .brick import Brick, Halo
 from .grid import Bricks, Index
 from .ranges import ALL, FIRST, LAST
@@ -183,7 +184,7 @@ class BrickReader:
         return [(axis, side) for axis, side, at in sides if begin[axis] == end[axis] == at]
 
     def _sample(self, limit: Any) -> Any:
-        return np.ldexp(np.float64(limit), self.volume.exponent) if self.volume.exponent else limit
+        return times_power(np.array(limit), self.volume.exponent)[()] if self.volume.exponent else limit
 
     def _read(self, block: Index, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
         samples = self.volume.region(low, high)

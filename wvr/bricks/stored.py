@@ -17,7 +17,7 @@ from ..field.base import Field
 from ..keep import Keeper
 from ..kernels.field.grid import Grid
 from ..memory import free_host_memory, gib
-from ..samples import DTYPES, NanPolicy
+from ..samples import DTYPES, NanPolicy, times_power
 from ..validation import choice
 from ..volume import Volume, pose_of
 from .grid import Index
@@ -200,12 +200,12 @@ class StoredVolume(Field):
         if self.ranges is None or not self.ranges.known.all():
             if self.samples.dtype.kind in "iu":
                 limits = np.iinfo(self.samples.dtype)
-                return float(np.ldexp(limits.min, self.exponent)), float(np.ldexp(limits.max, self.exponent))
+                return float(limits.min), float(limits.max)
             from .ranges import in_memory
 
             self.ranges = in_memory(self)
-        low, high = self.ranges.limits()
-        return float(np.ldexp(low, self.exponent)), float(np.ldexp(high, self.exponent))
+        low, high = times_power(np.array(self.ranges.limits()), self.exponent).tolist()
+        return low, high
 
     @property
     def half(self) -> Grid:
@@ -251,7 +251,7 @@ class StoredVolume(Field):
                 f"{self.samples.name} has NaN or infinite samples at {where}; clean it, or pass "
                 f'nan="transparent" to wvr.open to render the cells that touch one as nothing'
             )
-        return np.ldexp(samples.astype(np.float64), self.exponent) if self.exponent else samples
+        return times_power(samples, self.exponent) if self.exponent else samples
 
     def look(self) -> None:
         """Notice what was written into the store since this was called last, by the sizes and times of its files, where

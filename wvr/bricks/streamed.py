@@ -15,6 +15,7 @@ from ..camera import Camera
 from ..keep import Keeper
 from ..memory import free_host_memory
 from ..notices import announce
+from ..samples import times_power
 from ..scene import Scene
 from . import extremes, limited, rest
 from .allowance import Allowance
@@ -86,7 +87,7 @@ class Streamed:
         else:
             lit = any(self.caster.halo.samples)
             ranges, known = volume.ranges.around() if lit else volume.ranges.of_pieces(self.towards)
-            ranges = np.ldexp(ranges, volume.exponent)
+            ranges = times_power(ranges, volume.exponent)
             some = ranges[..., 0] <= ranges[..., 1]
             pieces = some | ~known
             here = some & known

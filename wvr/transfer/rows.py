@@ -159,15 +159,19 @@ def _parabolas(ends: Floats, at: Floats, middle: Floats, half: Floats) -> NDArra
     node = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
     y = _evaluate(ends, at, middle[:, None] + half[:, None] * node)
     a0, a1, a2 = (np.einsum("n,bnc->bc", t, y) / NODES for t in (np.ones(NODES), 2 * node, 4 * node**2 - 2))
-    linear = a1 / half[:, None]
-    _fill(table, a0[:, 3] - a2[:, 3], linear[:, 3], 2 * a2[:, 3] / half**2, a0[:, :3], linear[:, :3])
-    # Deviations are largest at the window's ends and at control points inside; both values of a jump count.
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        linear, bend = a1 / half[:, None], 2 * a2[:, 3] / half**2
+    _fill(table, a0[:, 3] - a2[:, 3], linear[:, 3], bend, a0[:, :3], linear[:, :3])
+    # Deviations are largest at the window's ends and at control points inside; both values of a jump count. Where it
+    # ends is rounded, and a control point may be between: what is looked at reaches a little farther.
+    reach = half + 2.0**-50 * (np.abs(middle) + half)
+    low, high = middle - reach, middle + reach
     off = np.zeros((2, len(middle)))
-    for side in (-1.0, 1.0):
-        off = np.maximum(off, _deviations(table, side * half, _evaluate(ends, at, middle + side * half)))
-    first = np.searchsorted(ends, middle - half, "left")
-    number = np.searchsorted(ends, middle + half, "right") - first
-    longest = 2 * half
+    for end in (low, high):
+        off = np.maximum(off, _deviations(table, end - middle, _evaluate(ends, at, end)))
+    first = np.searchsorted(ends, low, "left")
+    number = np.searchsorted(ends, high, "right") - first
+    longest = high - low
     some = np.flatnonzero(number)
     if len(some):
         many, begin = number[some], np.cumsum(number[some]) - number[some]
@@ -176,11 +180,12 @@ def _parabolas(ends: Floats, at: Floats, middle: Floats, half: Floats) -> NDArra
         inside = _deviations(table[row], ends[k] - middle[row], at[k])
         off[:, some] = np.maximum(off[:, some], np.maximum.reduceat(inside, begin, axis=1))
         gaps = np.diff(ends, prepend=-np.inf)[k]
-        gaps[begin] = ends[k[begin]] - (middle - half)[some]
-        last = (middle + half)[some] - ends[k[begin + many - 1]]
+        gaps[begin] = ends[k[begin]] - low[some]
+        last = high[some] - ends[k[begin + many - 1]]
         longest[some] = np.maximum(np.maximum.reduceat(gaps, begin), last)
     # And between them that of a parabola from its chord.
-    off[0] += np.abs(table[:, 4].astype(np.float64)) * longest**2 / 4
+    with np.errstate(invalid="ignore"):
+        off[0] += np.abs(table[:, 4].astype(np.float64)) * longest**2 / 4
     return _closed(table, off)
 
 
@@ -205,9 +210,10 @@ def _closed(table: NDArray[np.float32], off: Floats) -> NDArray[np.float32]:
     row = table.astype(np.float64)
     # Rounding of the deviations themselves, in double, and of the scalars that they are taken at.
     far = np.abs(row[:, 0]) + np.abs(row[:, 1])
-    size = np.abs(row[:, 2]) + np.abs(row[:, 3]) * far + np.abs(row[:, 4]) * row[:, 1] ** 2
-    bright = np.abs(row[:, 8:15]).max(axis=1) * (1 + far)
-    rounded = (off + 2.0**-48 * np.stack([size, bright])).T.astype(np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):
+        size = np.abs(row[:, 2]) + np.abs(row[:, 3]) * far + np.abs(row[:, 4]) * row[:, 1] ** 2
+        bright = np.abs(row[:, 8:15]).max(axis=1) * (1 + far)
+        rounded = (off + 2.0**-48 * np.stack([size, bright])).T.astype(np.float32)
     table[:, 5:7] = np.maximum(np.nextafter(rounded, np.float32(np.inf)), 1e-30)
     table[~np.isfinite(table).all(axis=1) | (np.abs(table) > 1e18).any(axis=1), 1] = -1
     return table
