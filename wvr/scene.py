@@ -236,7 +236,8 @@ class Scene:
         if self.segmentation is not None:
             states = States(self.segmentation, self.segmentation.labels.part())
             return LabelKinds(self.volume, self.ranges(), states, functions, shift, bool(self.skip_empty))
-        return Kinds(self.volume, self.ranges(), functions[0], shift, self.integrator.cells and not sweeps)
+        cells, strides = (False, False) if sweeps else (self.integrator.cells, self.integrator.strides(self))
+        return Kinds(self.volume, self.ranges(), functions[0], shift, cells, strides)
 
     def table_shape(self, size: int | None) -> tuple[int, tuple[float, float]]:
         """Entries and domain of a table: the volume's range, so that no segment reaches outside."""

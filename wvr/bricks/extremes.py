@@ -30,8 +30,6 @@ Floats = NDArray[np.float64]
 RAYS = 128
 # Bricks that are read under a budget before rays are asked again.
 FEW = 16
-# Bricks that are looked through for ones to read ahead.
-LOOKED = 8
 
 
 class Extremes:
@@ -139,24 +137,12 @@ def render(march: Streamed, blocks: BrickReader, allowance: Allowance) -> tuple[
                 extremes.done(index)
             break
         batch = asked[:FEW] if limited else sorted(asked, key=place.__getitem__)
-        for n, index in enumerate(batch):
-            rect = caster.footprint(index)
-            needed = None if rect is None else march.needed(image, index, rect)
-            if rect is not None and needed:
-                if ends():
-                    break
-                try:
-                    with allowance.work("brick"):
-                        march.ahead(blocks, image, batch[n : n + LOOKED], needed)
-                        found = march.cast(blocks, image, index, rect, needed, until=allowance.left)
-                except TimeoutError:
-                    break
-                march.keep.end_of_frame()
-                cast += 1
-                if not found:
-                    extremes.lost.add(index)
-                    continue
-            extremes.done(index)
+        for index, found in march.through(blocks, image, batch, allowance, ends):
+            cast += found is not None
+            if found is False:
+                extremes.lost.add(index)
+            else:
+                extremes.done(index)
     march.rest = [index for index in march.order if extremes.numbers[index[::-1]] >= 0]
     caster.half = extremes.settle()
     return image, cast

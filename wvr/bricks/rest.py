@@ -23,9 +23,6 @@ from .grid import Index
 if TYPE_CHECKING:
     from .streamed import Streamed
 
-# Bricks that are looked through for ones to read ahead.
-LOOKED = 8
-
 
 class Rest:
     """Bricks that were not read.
@@ -88,28 +85,20 @@ def render(march: Streamed, blocks: BrickReader, allowance: Allowance) -> tuple[
         with allowance.work("all"):
             rest.settle(rest.numbers, wp.clone(caster.found))
             rest.half.zero_()
-    for n, index in enumerate(order):
-        rect = march.wanted(image, index)
-        needed = None if rect is None else march.needed(image, index, rect)
-        if rect is not None and needed != set():
-            if allowance.ends(blocks.bytes, allowance.expected("brick") + allowance.expected("all")):
-                break
-            try:
-                with allowance.work("brick"):
-                    march.ahead(blocks, image, order[n : n + LOOKED], needed)
-                    read = march.cast(blocks, image, index, rect, needed, until=allowance.left)
-            except TimeoutError:
-                break
-            march.keep.end_of_frame()
-            cast += 1
-            if not read:
-                lost.add(index)
-                if caster.scene.integrator.surfaces:
-                    # Before anything behind it is found.
-                    one = np.where(rest.numbers == march.number(index), rest.numbers, -1)
-                    rest.settle(one, caster.found)
-                continue
-        rest.numbers[index[::-1]] = -1
+
+    def ends() -> bool:
+        return allowance.ends(blocks.bytes, allowance.expected("brick") + allowance.expected("all"))
+
+    for index, read in march.through(blocks, image, order, allowance, ends):
+        cast += read is not None
+        if read is not False:
+            rest.numbers[index[::-1]] = -1
+            continue
+        lost.add(index)
+        if caster.scene.integrator.surfaces:
+            # Before anything behind it is found.
+            one = np.where(rest.numbers == march.number(index), rest.numbers, -1)
+            rest.settle(one, caster.found)
     march.rest = [index for index in order if rest.numbers[index[::-1]] >= 0 and index not in lost]
     rest.settle(rest.numbers, caster.found)
     caster.half = rest.half.numpy()

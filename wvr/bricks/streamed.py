@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import product
 from time import perf_counter
@@ -30,8 +30,8 @@ from .unread import Looks, unread_brick, widened
 
 # Of free memory, what samples take where no limit is given.
 SHARE = 1 / 4
-# Bricks that are looked through for ones to read ahead.
-LOOKED = 24
+# Bricks that are looked through for ones to read ahead, from the camera outwards, and in another order.
+LOOKED, FEW = 24, 8
 
 
 class Streamed:
@@ -171,7 +171,8 @@ class Streamed:
             rect = self.wanted(image, index)
             if rect is None:
                 continue
-            needed = self.needed(image, index, rect)
+            # What is read ahead is needed.
+            needed = None if index in blocks.coming else self.needed(image, index, rect)
             if needed is not None and not needed:
                 # Rays that ended before it are at an end for good.
                 caster.end(image, rect)
@@ -185,6 +186,28 @@ class Streamed:
             cast += 1
             self.keep.end_of_frame()
         return image, cast
+
+    def through(
+        self, blocks: BrickReader, image: Any, order: list[Index], allowance: Allowance, ends: Callable[[], bool]
+    ) -> Iterator[tuple[Index, bool | None]]:
+        """Look into bricks in an order, as long as the allowance does not end: each, and whether it could be read, None
+        where no ray needs it.
+        """
+        for n, index in enumerate(order):
+            rect = self.wanted(image, index)
+            needed = None if rect is None else self.needed(image, index, rect)
+            read = None
+            if rect is not None and needed != set():
+                if ends():
+                    return
+                try:
+                    with allowance.work("brick"):
+                        self.ahead(blocks, image, order[n : n + FEW], needed)
+                        read = self.cast(blocks, image, index, rect, needed, until=allowance.left)
+                except TimeoutError:
+                    return
+                self.keep.end_of_frame()
+            yield index, read
 
     def blocks(self, room: int, again: bool = False) -> BrickReader:
         """Those of its bricks, in so many bytes; ``again``, if they are not asked for from the camera outwards."""

@@ -52,13 +52,16 @@ class Ranges(Part):
 
 @dataclass(frozen=True)
 class Kinds(Part):
-    """``Seen`` of a field by one transfer function, in float64; masks only where cells are asked for."""
+    """``Seen`` of a field by one transfer function, in float64; masks only where cells are asked for. Rays in
+    ``strides`` go by ``Octants`` on a processor, and ask for no distances of empty blocks there.
+    """
 
     field: Field
     ranges: Ranges
     function: Part
     shift: float
     cells: bool
+    strides: bool = False
     name: ClassVar[str] = "kinds"
 
     def build(self, keep: Keeper) -> Seen:
@@ -71,8 +74,9 @@ class Kinds(Part):
         struct = Blocks()
         struct.kinds, struct.masks = kinds, masks
         launch(make_kinds(data.dtype), rows_of(kinds), [field, ranges, transfer, self.cells, struct], keep.device)
-        found = spread(kinds.numpy())
-        kinds.assign(found)
+        found = kinds.numpy()
+        if not (self.strides and keep.device.is_cpu):
+            kinds.assign(found := spread(found))
         return seen_of(self.field, kinds, masks, found)
 
 

@@ -108,6 +108,10 @@ class Integrator(ABC):
         """Which blocks it has something to see in, where transfer functions do not say that."""
         return None
 
+    def strides(self, scene: Scene) -> bool:
+        """Whether its rays go by ``wvr.field.blocks.Octants`` on a processor, and by no distances of empty blocks."""
+        return False
+
     def sees(self, scene: Scene, ranges: NDArray[np.float64]) -> NDArray[np.bool_] | None:
         """Of parts of a volume with samples in ``ranges``, (n, 2), in which it has something to see, where transfer
         functions do not say that.

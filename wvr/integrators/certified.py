@@ -217,6 +217,10 @@ class Certified(Integrator):
         budget = self.budget(scene)
         return Half(budget.sharp, budget.single, budget.ticks)
 
+    def strides(self, scene: Scene) -> bool:
+        budget = self.budget(scene)
+        return budget.single and budget.ticks
+
     def function(self, scene: Scene, tf: TransferFunction) -> SimplifiedTransfer:
         shares = self.budget(scene)
         deviations = (shares.color, shares.relative, shares.absolute)
