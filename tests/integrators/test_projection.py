@@ -263,6 +263,12 @@ def test_what_it_cannot_do():
         wvr.Projection("mex")
     with pytest.raises(ValueError, match="light does not change"):
         wvr.render(volume, GREY, integrator=wvr.Projection(), lighting=True)
+    # Of which differences or sums overflow: there was nothing to be seen, or an infinite mean, within a bound.
+    huge = wvr.Volume(np.where(np.indices((3, 3, 3)).sum(axis=0) % 2, 1.7e308, -1.7e308))
+    wide = wvr.TransferFunction([(0, "black", 0), (1e308, "white", 1)])
+    for integrator in (*map(wvr.Projection, ("max", "mean")), wvr.Isosurface(0)):
+        with pytest.raises(ValueError, match=r"volume has samples from -1.7e\+308 .* up to 1e\+200"):
+            wvr.render(huge, wide, wvr.Camera.fit(huge), (8, 8), integrator=integrator)
     with pytest.raises(ValueError, match="only samples the volume"):
         wvr.render(MarschnerLobb(), GREY, wvr.Camera.fit(MarschnerLobb()), integrator=wvr.Projection())
     image = image_of(volume, "mean", wvr.Camera.fit(volume), (8, 8))

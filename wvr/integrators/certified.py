@@ -194,7 +194,8 @@ class Certified(Integrator):
         # What times in ticks come to (docs/proof-single.md, S12).
         ticked = 36 * max(entire.shape) ** 2 * longest * 2.0**-52 * densest * brightest
         if not sharp and scene.volume.half.finite:
-            ticked = min(ticked, 2 * max(entire.shape) ** 2 * longest * 2.0**-52 * self.tolerance)
+            gently = 2 * max(entire.shape) ** 2 * longest * 2.0**-52 * self.tolerance
+            ticked = min(ticked, gently * (1 + longest * densest))
         ticks = single and ticked <= LITTLE * self.tolerance
         gentle, slopes = (0.0, 0.0) if sharp else (gentle, slopes)
         # Bricks count what is partly for the opacity and partly for the length of a ray once for each.

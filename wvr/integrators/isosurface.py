@@ -15,7 +15,7 @@ from ..kernels.integrators.isosurface import ASTRAY, NEAR, Half
 from ..transfer_function import MAX_OPACITY, TransferFunction
 from ..validation import any_array, define, finite_array, share
 from .base import Integrator
-from .projection import rounding
+from .projection import check_sizes, rounding
 
 if TYPE_CHECKING:
     from ..field.base import Field
@@ -120,6 +120,9 @@ class Isosurface(Integrator):
             "range": high - low,
             "shown": scene.brightest * float(np.finfo(self.shown(scene)).eps) / 2,
         }
+
+    def check(self, scene: Scene) -> None:
+        check_sizes(scene)
 
     def misses(self, low: float, high: float) -> str:
         if any(low <= level <= high for level in self._levels):

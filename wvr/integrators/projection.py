@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 # Of the colours' range, up to what the largest values are as good as none for who frames them.
 DARK = 0.25
+# Size of a sample of which cubics and sums are finite.
+LARGEST = 1e200
 What = Literal["max", "min", "mean", "sum"]
 # As others call them.
 WORDS = {"average": "mean", "additive": "sum", "integral": "sum"}
@@ -142,6 +144,7 @@ class Projection(Integrator):
         return self
 
     def check(self, scene: Scene) -> None:
+        check_sizes(scene)
         if not self.seeks and scene.transfer_function is None:
             raise ValueError(
                 f"transfer_function must be given besides a segmentation for Projection({self.what!r}): a {self.what} "
@@ -150,6 +153,16 @@ class Projection(Integrator):
 
     def report(self, frame: Frame) -> dict[str, Any]:
         return {"bound_covers": "values: rounding"}
+
+
+def check_sizes(scene: Scene) -> None:
+    """Refuse samples of which cubics or sums along rays would overflow."""
+    low, high = scene.volume.range if scene.volume.shifts else (0.0, 0.0)
+    if max(abs(low), abs(high)) > LARGEST:
+        raise ValueError(
+            f"volume has samples from {low:.3g} to {high:.3g}: {scene.integrator!r} takes those of sizes up to "
+            f"{LARGEST:.0e}; scale them first"
+        )
 
 
 def rounding(scene: Scene) -> float:
