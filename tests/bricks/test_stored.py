@@ -185,6 +185,9 @@ def test_a_coarse_level_stands_in_within_the_bound(budget):
     middle = wvr.render(volume, TF, camera, SIZE, tolerance=TOLERANCE, budget=budget)
     pyramid = wvr.build_ranges(opened(DATA))
     pyramid.coarse = wvr.open(DATA[::2, ::2, ::2], spacing=2 * np.array(WHOLE.spacing))
+    # Where transfer function and camera are given nobody asks for it but a budget above 0.
+    wvr.render(pyramid, TF, camera, SIZE, tolerance=TOLERANCE, budget=0)
+    assert "preview" not in vars(pyramid)
     assert pyramid.preview is not None
     image = wvr.render(pyramid, TF, camera, SIZE, tolerance=TOLERANCE, budget=budget)
     assert_within(image, camera, None)
