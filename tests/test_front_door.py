@@ -155,7 +155,7 @@ def test_type_checkers_know_the_keywords():
     parameters = inspect.signature(wvr.render).parameters
     keywords = {name for name, parameter in parameters.items() if parameter.kind is parameter.KEYWORD_ONLY}
     assert set(Options.__annotations__) | {"integrator", "tolerance"} == keywords
-    assert set(MovieOptions.__annotations__) == keywords - {"cancel", "depth"}
+    assert set(MovieOptions.__annotations__) == keywords - {"cancel", "depth", "progress"}
 
 
 def test_every_keyword_of_add_volume_is_answered():

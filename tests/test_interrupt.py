@@ -15,7 +15,7 @@ import pytest
 import warp as wp
 
 import wvr
-from wvr.launch import Lock, cancelling, get_device, launch, launch_in_turn
+from wvr.launch import Lock, _report, cancelling, get_device, in_turn, launch, launch_in_turn, reporting
 
 TF = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.001)])
 SLOW = {"integrator": wvr.Riemann(0.001), "device": "cpu", "termination": 0}
@@ -159,6 +159,49 @@ def test_an_error_in_a_strip_ends_the_others(how, count, threads, monkeypatch):
     assert after <= 4 + 2 * count
     time.sleep(0.05)
     assert len(begun) == after
+
+
+def test_progress(scene, threads):
+    """Rises to 1 on the thread that renders, in bricks too, and changes no pixel; what it raises ends the frame."""
+    threads(2)
+    volume, tf, camera = scene
+    renderer = wvr.Renderer(volume, tf, **SLOW)
+    told = []
+    image = renderer.render(camera, (24, 24), progress=lambda share: told.append((share, threading.get_ident())))
+    shares = [share for share, _ in told]
+    assert shares[-1] == 1 and shares == sorted(shares) and any(0 < share < 0.95 for share in shares)
+    assert {ident for _, ident in told} == {threading.get_ident()}
+    assert np.array_equal(image.rgba, renderer.render(camera, (24, 24)).rgba)
+    told.clear()
+    bricks = wvr.Renderer(volume, tf, memory_limit="4 MiB", device="cpu")
+    bricks.render(camera, (64, 64), progress=lambda share: told.append((share, 0)))
+    shares = [share for share, _ in told]
+    assert shares[-1] == 1 and shares == sorted(shares)
+
+    def enough(share):
+        if share > 0.2:
+            raise StopIteration("enough")
+
+    start = time.monotonic()
+    with pytest.raises(StopIteration, match="enough"):
+        renderer.render(camera, (512, 512), progress=enough)
+    assert time.monotonic() - start < 60
+    with pytest.raises(TypeError, match="progress must be a function of the share that is done, or None, got True"):
+        renderer.render(camera, (4, 4), progress=True)
+
+
+def test_parts_of_progress_are_in_turn():
+    """Nested, by their weights, and nothing is left of one that failed."""
+    shares = []
+    with reporting(shares.append):
+        for _ in in_turn("ab", (3, 1)):
+            for _ in in_turn("cd"):
+                shares.append(_report.get()[1:])
+    assert shares == [(0, 0.375), (0.375, 0.75), (0.75, 0.875), (0.875, 1), 1.0]
+    with pytest.raises(ZeroDivisionError), reporting(shares.append):
+        for _ in in_turn("ab"):
+            1 / 0  # noqa: B018
+    assert _report.get() is None
 
 
 @pytest.mark.parametrize("count", [1, 2])

@@ -26,7 +26,7 @@ from .kernels.precision import REALS, vec4_of
 from .kernels.ray import View, item
 from .kernels.raycast import make_raycast
 from .kernels.scene import Halves
-from .launch import launch, launch_pixels
+from .launch import in_turn, launch, launch_pixels
 from .light.sweep import AHEAD, Sweeping, shade
 from .memory import free_memory, gib
 from .probe import Prober, make_prober, probe, tightest
@@ -101,7 +101,10 @@ class Frame:
         samples = buffer(self.keep, "samples", size, wp.int32)
         bounds = buffer(self.keep, "bounds", size if halves.march.bounded else (1, 1), wp.float32)
         clock.mark()
+        turns = in_turn(("rays", "light")[: 1 if scene.shadows is None else 2])
+        next(turns)
         self.launch(halves, struct, rgba, samples, bounds)
+        next(turns, None)
         clock.mark()
         read = [samples, bounds]
         if scene.shadows is not None:
@@ -150,7 +153,8 @@ class Frame:
     def launch(self, halves: Halves, struct: Any, rgba: wp.array, samples: wp.array, bounds: wp.array) -> None:
         """Cast the rays of all pixels; a CPU is done then."""
         inputs = [struct, rgba, samples, bounds, 0]
-        for part in halves.launches:
+        # Few rays are left to another.
+        for part in in_turn(halves.launches, (9, 1)[: len(halves.launches)]):
             launch_pixels(make_raycast(part), inputs, self.device, struct.view, part.rays, part.scratch)
 
     def _fetched(self, rgba: wp.array, shown: str, *arrays: wp.array) -> list[Any]:

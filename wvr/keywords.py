@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from .validation import near
@@ -44,6 +44,7 @@ class Options(Look, total=False):
 
     depth: Any
     cancel: Event | None
+    progress: Callable[[float], object] | None
 
 
 class MovieOptions(Look, total=False):
@@ -128,6 +129,7 @@ ELSEWHERE = {
 OF_RENDER = {
     "size": "a viewer is as large as its window",
     "cancel": "only wvr.render, and a Renderer's render, are cancelled",
+    "progress": "only wvr.render, and a Renderer's render, report it",
     "depth": "wvr.render ends rays at depths, which are those of one camera",
     "memory_limit": "of volumes in bricks wvr.render makes images",
     "budget": "of volumes in bricks wvr.render makes images",

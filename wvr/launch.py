@@ -17,7 +17,7 @@ from functools import cache
 from math import inf
 from queue import Empty, SimpleQueue
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeVar
 from weakref import WeakSet
 
 import numpy as np
@@ -35,6 +35,7 @@ MOST_THREADS = 64
 # How often a waiting thread looks whether its frame is cancelled [s].
 POLL = 0.02
 
+T = TypeVar("T")
 _threads: int | None = None
 
 
@@ -120,6 +121,44 @@ def cancelling(event: Any) -> Iterator[None]:
         _cancel.reset(token)
 
 
+@contextmanager
+def reporting(report: Callable[[float], object] | None) -> Iterator[None]:
+    """While launches within work, their calling thread calls ``report`` with the share that is done of all there is
+    to be done, every 20 ms at most, and with 1 at the end. What it raises ends the launch.
+
+    Raises
+    ------
+    TypeError
+        For a ``report`` that cannot be called.
+    """
+    if report is not None and not callable(report):
+        raise TypeError(f"progress must be a function of the share that is done, or None, got {report!r}")
+    token = _report.set(None if report is None else (report, 0.0, 1.0))
+    try:
+        yield
+        if report is not None:
+            report(1.0)
+    finally:
+        _report.reset(token)
+
+
+def in_turn(items: Sequence[T], weights: Sequence[float] | None = None) -> Iterator[T]:
+    """Them, one after the other: what is launched for each is a part of what is to be done, of such a weight."""
+    given = _report.get()
+    if given is None:
+        yield from items
+        return
+    report, low, high = given
+    weights = [1.0] * len(items) if weights is None else weights
+    before = 0.0
+    for item, weight in zip(items, weights, strict=True):
+        begin, end = (low + (high - low) * w / sum(weights) for w in (before, before + weight))
+        _report.set((report, begin, end))
+        yield item
+        before += weight
+    _report.set(given)
+
+
 def launch(
     kernel: wp.Kernel,
     items: int,
@@ -164,6 +203,7 @@ def launch(
     starts = range(first, first + items, strip)
     bases = iter(starts)
     flag = np.zeros(1, np.int32)
+    done: list[None] = []
     if view is not None:
         view.stop = wp.array(flag, dtype=int, device=device, copy=False)
 
@@ -179,11 +219,12 @@ def launch(
             command.set_dim(min(strip, first + items - base))
             command.set_param_at_index(0, base)
             command.launch()
+            done.append(None)
 
     def stop() -> None:
         flag[0] = 1
 
-    _work(run, min(threads, len(starts)), stop, joins=view is None)
+    _work(run, min(threads, len(starts)), stop, joins=view is None, done=lambda: len(done) / len(starts))
 
 
 def launch_pixels(
@@ -281,6 +322,8 @@ class Lock:
 
 
 _cancel: ContextVar[Any] = ContextVar("wvr_cancel", default=None)
+# Whom to tell, and what shares the next launch begins and ends at.
+_report: ContextVar[tuple[Callable[[float], object], float, float] | None] = ContextVar("wvr_report", default=None)
 _locks: WeakSet[Lock] = WeakSet()
 _own = threading.local()
 _loading = Lock()
@@ -312,8 +355,15 @@ def _check_cancelled() -> None:
         raise Cancelled("cancel was set")
 
 
-def _work(run: Callable[[], None], threads: int, stop: Callable[[], None], joins: bool) -> None:
-    """Have threads run until all are done; an error in any of them, Ctrl-C or a cancelled frame calls ``stop``.
+def _work(
+    run: Callable[[], None],
+    threads: int,
+    stop: Callable[[], None],
+    joins: bool,
+    done: Callable[[], float] | None = None,
+) -> None:
+    """Have threads run until all are done; an error in any of them, Ctrl-C or a cancelled frame calls ``stop``. What
+    share is ``done`` is reported meanwhile.
 
     The calling thread is one of them (``joins``) where strips are short; else it only waits, since Ctrl-C does not
     reach one that is inside a kernel.
@@ -327,7 +377,8 @@ def _work(run: Callable[[], None], threads: int, stop: Callable[[], None], joins
     left: list[None] = []
     wake: SimpleQueue[None] = SimpleQueue()
     # Ctrl-C ends a wait at once; only an event has to be looked at.
-    timeout = 1.0 if _cancel.get() is None else POLL
+    report = None if joins or done is None else _report.get()
+    timeout = 1.0 if _cancel.get() is None and report is None else POLL
 
     def work() -> None:
         entered.append(None)
@@ -353,6 +404,9 @@ def _work(run: Callable[[], None], threads: int, stop: Callable[[], None], joins
         while len(left) < threads:
             pause()
             _check_cancelled()
+            if report is not None and done is not None:
+                tell, low, high = report
+                tell(low + (high - low) * done())
     except BaseException:
         stop()
         # Who enters later finds that nothing is to be done.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from threading import Event
 from typing import TYPE_CHECKING, Any, NoReturn, overload
 
@@ -22,7 +22,7 @@ from .image import BoundedImage, Image
 from .integrators import Bounding, Integrator, of_tolerance
 from .keep import Keeper
 from .keywords import MovieOptions, refuse
-from .launch import Lock, cancelling, get_device
+from .launch import Lock, cancelling, get_device, reporting
 from .light.lighting import Lighting
 from .light.shadows import ConvolutionShadows
 from .scene import Precision, Scene
@@ -148,7 +148,12 @@ class Renderer:
         return sum((keep.builds for keep in self._keepers.values()), Counter())
 
     def render(
-        self, camera: Camera, size: tuple[int, int] = (512, 512), cancel: Event | None = None, depth: Any = None
+        self,
+        camera: Camera,
+        size: tuple[int, int] = (512, 512),
+        cancel: Event | None = None,
+        depth: Any = None,
+        progress: Callable[[float], object] | None = None,
     ) -> Image:
         """Render one frame.
 
@@ -165,13 +170,15 @@ class Renderer:
             Ends the frame early once it is set; see :func:`render`. What was kept for other frames is kept.
         depth
             Where rays end; see :func:`render`.
+        progress
+            What is called with the share that is done; see :func:`render`.
 
         Raises
         ------
         Cancelled
             Where ``cancel`` is set before the frame is done.
         """
-        with cancelling(cancel), self._lock.held():
+        with cancelling(cancel), self._lock.held(), reporting(progress):
             return self._render(camera, size, depth)
 
     def _render(self, camera: Camera, size: tuple[int, int], depth: Any) -> Image:
@@ -259,6 +266,7 @@ def render(
     missing: Missing = "error",
     client: Any = None,
     cancel: Event | None = None,
+    progress: Callable[[float], object] | None = None,
     **unknown: NoReturn,
 ) -> Image:
     """Render a volume: ``wvr.render(data)``. What is left out suits the data.
@@ -344,6 +352,10 @@ def render(
         A ``threading.Event``. Once another thread sets it, rays under way are finished, on CUDA all that was launched,
         and the render ends with :class:`Cancelled`; nothing is left running. A kernel that is being compiled is
         finished first, which takes seconds. By default nothing cancels it.
+    progress
+        What is called meanwhile with the share of the image that is done, from 0 to 1, on the thread that renders, at
+        most 50 times a second and with 1 at the end. What it raises ends the render. On CUDA, on Dask's workers and
+        under a budget only the end is told.
     **unknown
         Keywords of other libraries, such as ``cmap``: an error, which says what to write here.
 
@@ -374,7 +386,11 @@ def render(
     >>> wvr.render(wvr.datasets.load("blobs", 16), "viridis", opacity="sigmoid_5", camera="iso", size=(8, 6)).size
     (8, 6)
     """
-    refuse("render", unknown, ("transfer_function", "camera", "size", "depth", "cancel", *MovieOptions.__annotations__))
+    refuse(
+        "render",
+        unknown,
+        ("transfer_function", "camera", "size", "depth", "cancel", "progress", *MovieOptions.__annotations__),
+    )
     volume = as_volume(volume)
     size = image_size(size)
     call = Call(transfer_function, camera, opacity, clim, lighting, shadows, background, segmentation, clip, integrator)
@@ -398,4 +414,4 @@ def render(
         missing=missing,
         client=client,
     )
-    return renderer.render(look.camera, size, cancel, depth)
+    return renderer.render(look.camera, size, cancel, depth, progress)

@@ -230,6 +230,7 @@ def test_movies_have_the_options_of_images(run, monkeypatch):
     with pytest.raises(ZeroDivisionError):
         run("render", "spheres", *options)
     assert run("orbit", "spheres", *options)[0] == 0
+    assert callable(passed[0].pop("progress"))  # movies count images
     assert passed[0] == passed[1] and passed[0]["shadows"] is True and passed[0]["size"] == (9, 8)
 
 

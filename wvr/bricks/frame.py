@@ -13,6 +13,7 @@ from ..camera import Camera
 from ..frame import image_of
 from ..image import Image
 from ..keep import Keeper
+from ..launch import in_turn
 from ..probe import make_prober, tightest
 from ..resident import fetched
 from ..scene import Scene
@@ -151,7 +152,7 @@ class BrickedFrame:
             # What is seen in this frame as well, most likely. Kernels in between would slow all of this down.
             ready = {index: caster.ready(index, store[index], rects[index]) for index in store.seen & rects.keys()}
         store.seen.clear()
-        for index, rect in rects.items():
+        for index, rect in in_turn(list(rects.items())):
             if caster.ended(image, rect):
                 caster.end(image, rect)
                 continue

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..keep import Keeper
+from ..launch import in_turn
 from ..memory import free_host_memory
 from ..notices import announce
 from ..samples import times_power
@@ -167,7 +168,7 @@ class Streamed:
         image = caster.nothing()
         spent = np.zeros(image.through.shape)
         cast = 0
-        for n, index in enumerate(self.order):
+        for n, index in enumerate(in_turn(self.order)):
             rect = self.wanted(image, index)
             if rect is None:
                 continue

@@ -73,7 +73,7 @@ def render(
         seen: Any = getattr(volume, "preview", None) or volume
         view = camera_of(seen, shown, keywords["clip"], (camera, direction, up), lens)
         stage("rendering")
-        image = wvr.render(volume, camera=view, **keywords, **streaming.options(client))
+        image = wvr.render(volume, camera=view, **keywords, **streaming.options(client), progress=stage.share)
         stage(f"writing {output}")
         if piped:
             sys.stdout.buffer.write(image.png())

@@ -30,6 +30,10 @@ class Stages(logging.Handler):
             self.timer.daemon = True
             self.timer.start()
 
+    def share(self, done: float) -> None:
+        """How much of the image there is."""
+        self(f"rendering, {done:.0%}")
+
     def emit(self, record: logging.LogRecord) -> None:
         print(f"wvr: {record.getMessage()}", file=sys.stderr)
         if "compiling" in record.getMessage():

@@ -20,7 +20,7 @@ from ..kernels.light.slices import Eye, make_advance
 from ..kernels.light.travel import BORDER, ROWS, RUN, SLABS, Half, Sweep, make_state, make_travel, run_of
 from ..kernels.light.travel import Shade as ShadeStruct
 from ..kernels.precision import REALS
-from ..launch import launch, launch_in_turn, launch_pixels
+from ..launch import in_turn, launch, launch_in_turn, launch_pixels
 from ..transfer.function import Transfer
 from ..transfer.lookup import Stretchable
 from ..transfer_function import TransferFunction
@@ -154,7 +154,7 @@ def sweep_lights(
     if octants is not None:
         eye.octants = octants
     slices = 0
-    for number, light in enumerate(shadows.lights):
+    for number, light in enumerate(in_turn(shadows.lights)):
         struct.march, shape, variance = place(scene.volume, frame.camera, shadows, light, struct.view)
         for first, count, lead, stack in travel(halves, struct, shape, variance, octants, keep):
             struct.march.lead = lead
