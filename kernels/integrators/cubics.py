@@ -113,8 +113,11 @@ def make_cubics(halves):
         close = real(1.0e-8) * wp.abs(m1)
         unsure = real(0.0)
         if wp.static(sharp):
-            # Length that is on the wrong side of a crossing nevertheless: the slope is at least m1 / 2.
-            unsure = c.length * wp.min(real(1.0), real(4.0e-16) + c.blur / wp.abs(m1))
+            # Length that is on the wrong side of a crossing nevertheless: the slope is at least m1 / 2, and where that
+            # is above 9 blur the field rises or falls as well.
+            unsure = c.length
+            if real(18.0) * c.blur < wp.abs(m1):
+                unsure *= real(4.0e-16) + c.blur / wp.abs(m1)
             error += unsure * fuzzy(scene, value, c.blur)
         part = c
         while start < real(1.0):
