@@ -58,7 +58,7 @@ def volumes() -> dict[str, wvr.Volume]:
 class Scene:
     """A field and what it looks like, so that both can be had in other numbers."""
 
-    data: np.ndarray  # multiples of 1/8 from 0 to 1
+    data: np.ndarray  # multiples of 1/8 from 0 to 1, or so many eighths
     points: tuple  # control points
     labels: np.ndarray | None = None
     others: tuple = ()  # control points of label 1
@@ -111,8 +111,9 @@ def _scenes() -> dict[str, Scene]:
         "mask with jumps": Scene(mask, jumps),
         "levels": Scene(levels, ramp),
         "levels with jumps": Scene(levels, steps),
-        "labels": Scene(levels, ramp, (rng.random(shape) < 0.5).astype(np.uint8), steps),
-        "labels in layers": Scene(mask, jumps, (k + j > 9).astype(np.uint8), ramp),
+        # Where labels meet does not depend on scalars: these are of the type that most volumes here have.
+        "labels": Scene(levels, ramp, (rng.random(shape) < 0.5).astype(np.uint8), steps).of("uint8", 8.0),
+        "labels in layers": Scene(mask, jumps, (k + j > 9).astype(np.uint8), ramp).of("uint8"),
     }
 
 

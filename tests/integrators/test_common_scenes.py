@@ -30,6 +30,7 @@ NUMBERS = {dtype: {"dtype": dtype} for dtype in (*INTEGERS, "float32")}
 NUMBERS |= {f"float64 + {offset:g}": {"offset": offset} for offset in (1e6, 1e12)}
 NUMBERS |= {f"float64 x {scale:g}": {"scale": scale} for scale in (1e-200, 1e-30, 1e30, 1e200)}
 NUMBERS |= {f"float32 x {scale:g}": {"dtype": "float32", "scale": scale} for scale in (1e-30, 1e30)}
+PLAIN = {name: scene for name, scene in SCENES.items() if scene.labels is None}
 every_scene = pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 
 
@@ -71,7 +72,7 @@ def test_shorter_steps_come_closer(make, scene):
     assert fine < coarse / 3
 
 
-@every_scene
+@pytest.mark.parametrize("scene", PLAIN.values(), ids=PLAIN)
 @pytest.mark.parametrize("name", KINDS)
 def test_numbers_change_nothing(name, scene):
     """Types, units and zero points of scalars: the picture of the same scene in float64, to rounding."""
@@ -80,9 +81,8 @@ def test_numbers_change_nothing(name, scene):
     image = scene.render(integrator)
     plain = image.rgba
     for numbers, how in NUMBERS.items():
-        few = scene.labels is not None or name not in ("Exact", "Certified", "Riemann")
-        if few and how.get("dtype") in ("int16", "float32"):
-            # Samples of any type are read alike by all integrators, and beside labels.
+        if name not in ("Exact", "Certified", "Riemann") and how.get("dtype") in ("int16", "float32"):
+            # Samples of any type are read alike by all integrators.
             continue
         if tabulated and numbers in INTEGERS:
             # Their tables have entries where the levels are.
@@ -119,7 +119,9 @@ def test_slabs_of_a_mask_in_closed_form(name, numbers):
         for front, back in pairwise(planes):
             # Slabs are 0.9 apart, which is the smallest spacing.
             expected += (1 - expected[3]) * quadrature(tf, front, back, 1.0)
-        image = slabs.render(INTEGRATORS[name], along(2, scale=0.1), (2, 2), precision="float64")
+        # What is certified says itself how far its rounding may have brought it.
+        precision = "float64" if name == "Exact" else "auto"
+        image = slabs.render(INTEGRATORS[name], along(2, scale=0.1), (2, 2), precision=precision)
         atol = 1e-6 if numbers is not None and "float32 x" in numbers else 1e-9
         if name == "Certified":
             assert image.error_bound.max() <= 1e-4
