@@ -152,7 +152,7 @@ def test_labels_that_look_alike_are_one_volume(device, integrator, blobs):
 
 @every_kind
 def test_every_integrator_approaches_exact(integrator):
-    """Layers of a smooth field; cut by a sphere too, which is the same for steps of one length, of several and of none."""
+    """Layers of a smooth field; cut by a sphere too, for one integrator of each way to walk."""
     volume = wvr.datasets.load("blobs", 24)
     labels = layers(volume.shape, np.array([0.3, 0.5, 0.8]), 17.3)
     labels[5:12, 8:20, 4:15] = 7

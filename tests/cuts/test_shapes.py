@@ -82,11 +82,12 @@ def test_plane_through_a_homogeneous_block(device, integrator, seed):
     volume, rng = block(), np.random.default_rng(seed)
     plane = wvr.ClipPlane(middle(volume) + rng.normal(size=3), rng.normal(size=3))
     camera = wvr.Camera.fit(volume, rng.normal(size=3), rng.normal(size=3), parallel=seed % 2 == 0)
-    options = {"integrator": integrator, "precision": "float64", "device": device}
-    expected = assert_depth(volume, [plane], camera, **options)
-    assert np.count_nonzero(expected) > 0 and expected.max() > 0.2
     # The default precision has samples, not sums, in float32.
-    assert_depth(volume, [plane], camera, integrator=integrator, atol=1e-6, device=device)
+    expected = assert_depth(volume, [plane], camera, integrator=integrator, atol=1e-6, device=device)
+    assert np.count_nonzero(expected) > 0 and expected.max() > 0.2
+    if isinstance(integrator, wvr.Riemann | wvr.Certified | wvr.Exact):
+        # Where it is cut is in float64 anyway: by one of each way to walk.
+        assert_depth(volume, [plane], camera, integrator=integrator, precision="float64", device=device)
 
 
 @pytest.mark.parametrize("step", [0.013, 0.5, 1.0, 3.7, 100.0])

@@ -87,7 +87,7 @@ def test_nothing_is_skipped_that_is_seen(blobs):
 
 
 def test_renderer_keeps_all_for_another_step(blobs, smooth_tf):
-    renderer = wvr.Renderer(blobs, smooth_tf, integrator=Gauss(1.0))
+    renderer = wvr.Renderer(blobs, smooth_tf, integrator=Gauss(1.0), precision="float64")
     camera = wvr.Camera.fit(blobs)
     renderer.render(camera, (8, 8))
     before = dict(renderer.builds)

@@ -38,7 +38,7 @@ def truth_of(volume, tf, camera, options):
     return np.dstack([small[..., :3], exact[..., 3]])
 
 
-@pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])
+@pytest.mark.parametrize("dtype", ["uint8", "float32"])
 @pytest.mark.parametrize("inside", [False, True])
 def test_light_in_lanes_is_that_of_exact(dtype, inside):
     volume, tf, options = lit_scene(dtype)
@@ -54,10 +54,9 @@ def test_light_in_lanes_is_that_of_exact(dtype, inside):
         assert error.max() < most and error.mean() < most / 50
 
 
-@pytest.mark.parametrize("gradient", ["central", "cell"])
-def test_cuts_and_own_differences_are_lit_in_lanes(gradient):
+def test_cuts_and_own_differences_are_lit_in_lanes():
     volume, tf, options = lit_scene("uint8")
-    options["lighting"] = wvr.Lighting(gradient=gradient)
+    options["lighting"] = wvr.Lighting(gradient="cell")
     options["clip"] = wvr.ClipPlane(volume.corners.mean(axis=0), (1, 0.5, 0.2))
     camera = wvr.Camera.fit(volume)
     truth = truth_of(volume, tf, camera, options)
