@@ -291,7 +291,7 @@ def test_nan_written_into_a_clip_volume():
 @pytest.mark.parametrize("wrapped", [False, True])
 @pytest.mark.parametrize("dtype", ["uint8", "uint16"])
 def test_labels_written_under_a_kept_renderer(integrator, wrapped, dtype):
-    volume = wvr.Volume(zeros() + 1)
+    volume = wvr.Volume(zeros("uint8") + 1)
     camera = wvr.Camera.fit(volume)
     labels = zeros(dtype)
     given = wvr.Volume(labels) if wrapped else labels
