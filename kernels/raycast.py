@@ -134,7 +134,8 @@ def make_put(halves):
 def make_raycast(halves):
     """Kernel ``(base, scene, rgba, samples, bounds, scratch)`` over work items of ``ray.pixel``; a march that is
     ``bounded`` writes ``bounds``, infinite where it ``leaves`` a ray to another launch, and ``scratch`` is the address
-    of memory of the thread's own. The image of a brick is composed into that of what is in front of it.
+    of memory of the thread's own. The image of a brick is composed into that of what is in front of it; of a ray that
+    is left to another launch nothing is, and its count is -1 less what it was.
     """
     if halves.rays > 1:
         return make_raycasts(halves)
@@ -165,7 +166,11 @@ def make_raycast(halves):
         if y >= scene.view.height:
             return
         if wp.static(halves.again):
-            if bounds[y, x] < real(wp.inf):
+            if wp.static(halves.brick):
+                if samples[y, x] >= 0:
+                    return
+                samples[y, x] = -1 - samples[y, x]
+            elif bounds[y, x] < real(wp.inf):
                 return
         if wp.static(halves.scratch > 0):
             scene.march.scratch = scratch
@@ -211,6 +216,10 @@ def make_raycast(halves):
         if wp.static(bounded):
             total = wp.min(bound + off, cap)
             if wp.static(leaves):
+                if wp.static(halves.brick):
+                    if bound >= LEAVE:
+                        samples[y, x] = -1 - samples[y, x]
+                        return
                 total = wp.where(bound >= LEAVE, wp.float64(wp.inf), total)
             bound = total
         put(x, y, rgba, samples, bounds, ray, count, bound)

@@ -210,17 +210,16 @@ def test_memory_whose_stream_is_not_known_is_waited_for(elsewhere):
 
 @pytest.mark.parametrize("options", [{}, {"memory_limit": "1 GiB"}])
 def test_what_walk_an_image_is_said_to_be_of_is_that_of_its_kernels(monkeypatch, blobs, options):
-    """On a GPU single precision is that of one ray at a time, which bricks have not."""
+    """On a GPU single precision is that of one ray at a time, of bricks, too."""
     frames, report = [], wvr.Certified.report
     monkeypatch.setattr(wvr.Certified, "report", lambda self, frame: frames.append(frame) or report(self, frame))
     image = wvr.render(blobs, TF, size=SIZE, device="cpu", lighting=False, **options)
     (frame,) = frames
     scene, bricked = frame.scene, bool(options)
-    assert image.stats["walk"] == "float32" and frame.bricked == bricked
+    assert image.stats["walk"] == "float32"
     halves = Halves(wp.float64, scene.volume.half, scene.integrator.half(scene), vectors=False, brick=bricked)
     frame.keep = SimpleNamespace(device=Fake())
-    assert report(scene.integrator, frame)["walk"] == ("float32" if halves.leaves else "float64")
-    assert halves.leaves != bricked
+    assert report(scene.integrator, frame)["walk"] == "float32" and halves.leaves
 
 
 @pytest.fixture

@@ -56,8 +56,6 @@ class Frame:
 
     #: Whether something was left out that would be seen.
     partly = False
-    #: Whether rays are cast brick by brick.
-    bricked = False
 
     def __init__(
         self, scene: Scene, camera: Camera, size: tuple[int, int], keep: Keeper, ends: NDArray[np.float64] | None = None

@@ -71,7 +71,7 @@ class Half:
 
     def leaves(self, halves):
         """Without vectors a ray that single precision is not good enough for is left to another launch."""
-        return self.single and self.ticks and not halves.vectors and not halves.brick
+        return self.single and self.ticks and not halves.vectors
 
     @property
     def rays(self):

@@ -204,8 +204,13 @@ def make_lone(halves):
         opacity = wp.float64(1.0) - wp.exp(-total(ray.depth))
         error = wp.float64(1.00001) * total(ray.bound)
         error += opacity * scene.march.tinted + wp.float64(ray.count) * scene.march.sum
-        if walk.t < walk.end or (wp.static(halves.cuts.any) and ray.T < clear):
-            # What is behind is not visited; nor is, of a ray that is cut, what is behind this stretch.
+        behind = walk.t < walk.end
+        if wp.static(halves.cuts.any or halves.brick):
+            # Of a ray that is cut, what is behind this stretch or brick; as whoever has those says whether it ended.
+            ended = wp.float64(wp.static(1.0 + 2.0**-40)) * (wp.float64(1.0) - scene.opaque)
+            behind = behind or wp.float64(1.0) - opacity <= ended
+        if behind:
+            # It is not visited.
             error += (wp.float64(1.0) - opacity) * scene.march.brightest
         if scene.stretch == 0:
             # Of the ray as a whole.

@@ -8,6 +8,8 @@ import warp as wp
 
 import wvr
 import wvr.frame
+from wvr.bricks.frame import BrickedFrame
+from wvr.bricks.grid import Bricks
 from wvr.field.blocks import spread
 from wvr.keep import Keeper
 from wvr.kernels.field.blocks import Blocks
@@ -256,6 +258,29 @@ def test_absent_cells_and_clips(lone):
         error = np.abs(image.rgba.astype(float) - exact.rgba).max(axis=2)
         assert np.all(error <= image.error_bound) and image.error_bound.max() <= tolerance
         assert exact.rgba[..., 3].max() > 0.5 and len(lone) == 3
+
+
+@pytest.mark.filterwarnings("ignore:.*bounded by more")
+def test_bricks_are_composed_of_rays_of_either_launch(lone, monkeypatch):
+    """A ray that is left to the second launch in one brick is not in another, and counted once; one that ends with a
+    brick says what is behind it.
+    """
+    launch, marked = wvr.frame.launch_pixels, []
+
+    def counted(kernel, inputs, *rest):
+        marked.append(int((inputs[2].numpy() < 0).sum()))
+        launch(kernel, inputs, *rest)
+
+    scenes = [(scene(4), 1e-4), (scene(606), 1e-2)]
+    exact = [wvr.render(*given, (24, 24), integrator=wvr.Exact()).rgba for given, _ in scenes]
+    monkeypatch.setattr(wvr.frame, "launch_pixels", counted)
+    monkeypatch.setattr(BrickedFrame, "bricks", lambda self: Bricks.regular(self.scene.volume.dimensions, (4, 4, 4)))
+    for (given, tolerance), truth in zip(scenes, exact, strict=True):
+        image = wvr.render(*given, (24, 24), tolerance=tolerance, memory_limit="1 GiB")
+        error = np.abs(image.rgba.astype(float) - truth).max(axis=2)
+        assert np.all(error <= image.error_bound) and truth[..., 3].max() > 0.3
+        assert image.samples.min() == 0 < image.samples.max()
+    assert len(marked) >= 8 and not any(marked[::2]) and sum(marked[1::2]) > 20
 
 
 @pytest.mark.filterwarnings("ignore:.*visible")

@@ -83,8 +83,6 @@ class BrickedFrame:
         Whether something was left out that would be seen: for want of time, or as it could not be read.
     """
 
-    bricked = True
-
     def __init__(
         self,
         scene: Scene,

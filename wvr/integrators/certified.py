@@ -289,8 +289,6 @@ class Certified(Integrator):
         assert frame.error_bound is not None
         budget = self.budget(frame.scene)
         over = int(np.count_nonzero(frame.error_bound > self.tolerance))
-        # One ray at a time needs ticks for it, and is in double precision in bricks.
-        single = budget.single and (frame.keep.device.is_cpu or (budget.ticks and not frame.bricked))
         if over and frame.scene.termination is None and not frame.partly:
             warnings.warn(
                 f"{over} of {frame.error_bound.size} rays are bounded by more than the tolerance {self.tolerance:g}, "
@@ -303,7 +301,7 @@ class Certified(Integrator):
         return {
             "bound_covers": f"{covered}: where rays ended, a simpler transfer function, series and rounding",
             "rays_over_tolerance": over,
-            "walk": "float32" if single else "float64",
+            "walk": "float32" if budget.single and (frame.keep.device.is_cpu or budget.ticks) else "float64",
         }
 
 
