@@ -304,6 +304,25 @@ def sampled(tf, cubic, n=20000):
     return depth[:, -1], -np.expm1(-depth[:, -1]), np.array(color)
 
 
+def test_a_spike_is_all_there_up_and_down_and_from_wherever_a_cell_begins():
+    """Depth is the area of what is passed over the slope: of two spikes, dark in front, between and behind."""
+    opacity = [0, 0, 0.5, 0, 0, 0.3, 0, 0]
+    tf = wvr.TransferFunction.from_arrays([0.1, 0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9], np.full((8, 3), 0.7), opacity)
+    areas = 0.1 * transfer_values(tf, 1.0)[[2, 5], 3]
+    begin = np.array([0.05, 0.15, 0.3, 0.45, 0.05, 0.15, 0.42])
+    end = np.array([0.95, 0.85, 0.55, 0.95, 0.5, 0.3, 0.58])
+    passed = np.array([areas.sum(), areas.sum(), areas[0] / 2, areas[1], areas[0], areas[0] / 2, 0.0])
+    cubic = np.zeros((6, 14))
+    cubic[0], cubic[1] = np.tile((begin + end) / 2, 2), np.concatenate([end - begin, begin - end]) / 2
+    cubic[4] = 0.3
+    found, left = cut_cells(tf, cubic, (1e-3, 1e-6, 1.0), FLAGS["native"])
+    assert len(left) == 0
+    depth = np.tile(2 * 0.3 * passed / (end - begin), 2)
+    assert np.all(np.abs(found[0] - depth) <= found[4] + 1e-7)
+    assert np.all(found[4] <= 1e-3 * found[1] + 1e-6)
+    assert np.all(found[:, depth == 0] == 0)
+
+
 @pytest.mark.parametrize("flags", [f for f in FLAGS if f != "AVX2"])
 def test_cut_cells_are_within_their_bounds(flags):
     """Whatever is behind them: monotone or not, thin and thick, spikes, intervals with nothing to see; and whichever
