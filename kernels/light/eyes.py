@@ -34,9 +34,11 @@ auto looks_up = [&](const int* row, const float* x, vi is, vf* q) {
     *(vi*)place = is ? *(const vi*)row * (int)n + *(const vi*)(row + 1) : first;
     entry e[16];
     for (int l = 0; l < 16; ++l) {
-        const entry* p = entries + place[l];
-        const entry e0 = p[0] + x[l + 1] * (p[1] - p[0]), e1 = p[n] + x[l + 1] * (p[n + 1] - p[n]);
-        e[l] = e0 + x[l] * (e1 - e0);
+        // Of a row two at a time.
+        const v8f e0 = *(const v8f*)(entries + place[l]), e1 = *(const v8f*)(entries + place[l] + n);
+        const v8f both = e0 + x[l] * (e1 - e0);
+        const entry before = __builtin_shufflevector(both, both, 0, 1, 2, 3);
+        e[l] = before + x[l + 1] * (__builtin_shufflevector(both, both, 4, 5, 6, 7) - before);
     }
     // Columns of that.
 #define PAIR2(a, b) __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7)
@@ -102,6 +104,17 @@ auto light = [&](int number, float u, float v) -> float {
     const v4f of = (v4f){x0, 1.0f - 2.0f * x0 - x, x0 + x, 0.0f} * (b + y0 * (a - b) + (y0 + y) * (d - b));
     return of[0] + of[1] + of[2];
 };
+// Light from L0 to L1 between two slices, as of ``between``.
+auto fading = [&](vf L0, vf L1, vf s, vf x) -> vf {
+    if (!bits(x > 0.01f)) return L0 + s * (L1 - L0);
+    const vf one = LESS(LESS(x, none + 8.0f), ABS(logarithm(MORE(L0, none + LEAST) / MORE(L1, none + LEAST))));
+    auto grown = [&](vf s) -> vf {
+        const vf w = s * s * (one * one) * (1.0f / 6);
+        const vf more = 0.3f * (1.0f + w * (1.0f / 7) * (1.0f + w * (1.0f / 12 + w * (1.0f / 220))));
+        return s * (1.0f + w * (1.0f + w * more));
+    };
+    return (grown(1.0f - s) * L0 + grown(s) * L1) / grown(none + 1.0f);
+};
 """
 
 # Places where light is asked for, and parts of rays between two of them each.
@@ -110,6 +123,7 @@ struct Waiting {
     float place[6][16 + POINTS];  // x, y, z, u, v, and of the slices
     float L[16 + POINTS], D[16 + POINTS];
     float part[4][POINTS];  // its color, and optical depth
+    float rest[POINTS];  // as much of the light at its end is seen as if it went on forever
     int from[POINTS], to[POINTS], lane[POINTS];
     int ends[16];  // the place where the last part of a ray ended
     int places, parts;
@@ -128,13 +142,13 @@ auto trace = [&]() __attribute__((noinline)) {
     for (int l = 16; l < w.places; l += 16) {
         const vf u = AT(w.place[3], l), v = AT(w.place[4], l), slot = AT(w.place[5], l);
         vf d[3], p[3], slant = none + (float)sweep.slant;
-        const vf x = u + (float)sweep.corner[0], y = v + (float)sweep.corner[1];
+        const vf i = u + (float)sweep.corner[0], j = v + (float)sweep.corner[1];
         for (int c = 0; c < 3; ++c) {
             d[c] = none + (float)sweep.along[c];
-            if (sweep.diverging) d[c] += x * (float)side[c][0] + y * (float)side[c][1];
+            if (sweep.diverging) d[c] += i * (float)side[c][0] + j * (float)side[c][1];
             p[c] = AT(w.place[c], l);
         }
-        if (sweep.diverging) slant = __builtin_elementwise_sqrt(1.0f + (float)sweep.widening * (x * x + y * y));
+        if (sweep.diverging) slant = __builtin_elementwise_sqrt(1.0f + (float)sweep.widening * (i * i + j * j));
         // There is light of slices from the first on.
         const vf back = LESS((float)sweep.reach / slant, slot * (float)sweep.thickness);
         for (int c = 0; c < 3; ++c) d[c] *= -back;
@@ -152,7 +166,7 @@ auto trace = [&]() __attribute__((noinline)) {
             behind = scalars(p[0], p[1], p[2]);
             total += extinctions(front, behind);
         }
-        AT(w.D, l) = b > a ? total * h * back * slant : none;
+        const vf D = AT(w.D, l) = b > a ? total * h * back * slant : none;
         const vf s = slot - back / (float)sweep.thickness;
         const vi number = MORE(LESS(__builtin_convertvector(s, vi), first + (int)(stack.shape[0] - 2)), first);
         const vf share = s - __builtin_convertvector(number, vf);
@@ -163,7 +177,8 @@ auto trace = [&]() __attribute__((noinline)) {
             before[n] = light(slices[n], w.place[3][l + n], w.place[4][l + n]);
             after[n] = light(slices[n] + 1, w.place[3][l + n], w.place[4][l + n]);
         }
-        AT(w.L, l) = MORE(AT(before, 0) + share * (AT(after, 0) - AT(before, 0)), none + LEAST);
+        const vf x = D * (float)sweep.thickness / MORE(back, none + LEAST);
+        AT(w.L, l) = MORE(fading(AT(before, 0), AT(after, 0), share, x), none + LEAST);
     }
     for (int l = 0; l < w.parts; l += 16) {
         alignas(64) float L0[16], D0[16], L1[16], D1[16];
@@ -177,8 +192,9 @@ auto trace = [&]() __attribute__((noinline)) {
         // Emission of 1 over an optical depth D in light whose logarithm is linear in it.
         const vf D = AT(w.part[3], l), l0 = AT(L0, 0), l1 = AT(L1, 0), d0 = AT(D0, 0), d1 = AT(D1, 0);
         const vf y = ABS(D + d1 - d0 + logarithm(l0 / l1));
-        const vf most = MORE(l0 * (1.0f - absorbed(d0)), l1 * (1.0f - absorbed(d1 + D)));
-        const vf seen = D * most * (y < 1.0e-4f ? none + 1.0f : absorbed(y) / MORE(y, none + 1.0e-4f));
+        const vf start = l0 * (1.0f - absorbed(d0)), stop = l1 * (1.0f - absorbed(d1 + D)), most = MORE(start, stop);
+        const vf whole = D * most * (y < 1.0e-4f ? none + 1.0f : absorbed(y) / MORE(y, none + 1.0e-4f));
+        const vf seen = whole + AT(w.rest, l) * stop;
         for (int c = 0; c < 3; ++c) AT(w.part[c], l) *= seen;
         for (int n = 0; n < 16 && l + n < w.parts; ++n)
             for (int c = 0; c < 3; ++c) shone[c][w.lane[l + n]] += w.part[c][l + n];
@@ -251,7 +267,6 @@ auto walk = [&]() {
     }
     walks &= t < stop;
     while (bits(walks)) {
-        const vi asked = walks;
         vi b[3];
         for (int c = 0; c < 3; ++c) b[c] = MORE(LESS(INT(o[c] + t * d[c]), first + field.last[c]), first) >> 2;
         alignas(64) int of[16], kind[16];
@@ -265,20 +280,24 @@ auto walk = [&]() {
             leave = d[c] != 0.0f ? LESS(leave, (FLOAT(face) - o[c]) * inverse[c]) : leave;
         }
         leave = LESS(MORE(leave, t), stop);
-        unsigned m = bits(full);
-        if (m) {
+        vi taken = walks;
+        if (bits(full)) {
             const vf from = MORE(AT(next, 0), FLOOR((t - MORE(none + OUTSIDE, t * 4.0e-7f) - t0) * rate));
-            AT(next, 0) = full ? from : AT(next, 0);
-            AT(until, 0) = full ? LESS(CEIL((leave - t0) * rate), last) : AT(until, 0);
-            for (; m; m &= m - 1) {
+            // What goes on where the last ended is one with it. Else that is listed first, and where there is no more
+            // room the rest is for the next time.
+            const vi begins = full & (from > AT(until, 0));
+            for (unsigned m = bits(begins & (AT(next, 0) < AT(until, 0))); m; m &= m - 1) {
                 const int l = __builtin_ctz(m);
-                if (!list(l)) walks[l] = 0;
+                if (!list(l)) taken[l] = 0;
             }
+            AT(next, 0) = begins & taken ? from : AT(next, 0);
+            AT(until, 0) = full & taken ? LESS(CEIL((leave - t0) * rate), last) : AT(until, 0);
         }
         // Which is another number however long rays are.
-        t = asked ? leave + MORE(none + OUTSIDE, leave * 3.0e-7f) : t;
-        walks &= t < stop;
+        t = taken ? leave + MORE(none + OUTSIDE, leave * 3.0e-7f) : t;
+        walks = taken & (t < stop) & (FLOAT(AT_INT(many)) + (AT(until, 0) - AT(next, 0)) < (float)PLACES);
     }
+    for (unsigned m = bits(on & (AT(next, 0) < AT(until, 0))); m; m &= m - 1) list(__builtin_ctz(m));
 };
 """
 
@@ -297,6 +316,8 @@ auto look = [&](int l) -> bool {
     auto of = [&](int m) -> float { return given[16 * m + l]; };
     const float begin = t0[l], h = part[l], apart = of(8), u0 = of(9), v0 = of(10), du = of(11), dv = of(12);
     const float rise = (float)turn / apart;
+    // Light's: what fans out from the eye goes its way.
+    const float way_of_slab = sweep.diverging ? apart : (float)(sweep.thickness * sweep.slant);
     alignas(64) float where[PLACES + 32], x[PLACES + 32];
     alignas(64) int row[PLACES + 32];
     for (int i = 0; i < n; i += 16) {
@@ -335,6 +356,9 @@ auto look = [&](int l) -> bool {
         sums[3] += is & lasts ? none + 1.0f : none;
         const vf dense = LESS(MORE(D * clear * (1.0f / FAINT) - 1.0f, none), none + 1.0f);
         const vf one = clear / tau;
+        // Of the part that a ray ends in all is seen that is left, in its light.
+        const vi ends = seen & (clear * (1.0f - A) < least);
+        const vf all = ends ? none + 1.0f : A;
         const vf color[3] = {seen ? q[0] * one : none, seen ? q[1] * one : none, seen ? q[2] * one : none};
         const unsigned thin = bits(seen & (dense < 1.0f)), deep = bits(seen & (dense > 0.0f));
         if (thin) {
@@ -359,16 +383,17 @@ auto look = [&](int l) -> bool {
             even[l] = number;
             near[l] = from;
             far[l] = to;
-            const vf share = (0.5f * (a + b) - t) / apart;
-            const vf L = AT(before, 0) + share * (AT(behind, 0) - AT(before, 0));
-            const vf B = seen ? (1.0f - dense) * A * L : none;
+            const vf fades = dense < 1.0f ? tau * way_of_slab : none;
+            const vf L = fading(AT(before, 0), AT(behind, 0), (0.5f * (a + b) - t) / apart, fades);
+            const vf B = seen ? (1.0f - dense) * all * L : none;
             for (int c = 0; c < 3; ++c) shone[c][l] += sum(B * color[c]);
         }
         if (deep) {
             Waiting& w = waiting;
-            alignas(64) float parts[4][16];
+            alignas(64) float parts[4][16], rests[16];
             for (int c = 0; c < 3; ++c) AT(parts[c], 0) = color[c] * dense;
             AT(parts[3], 0) = D;
+            AT(rests, 0) = ends ? none + 1.0f : none;
             auto asked = [&](float t) -> int {
                 const int j = w.places++;
                 for (int c = 0; c < 3; ++c) w.place[c][j] = of(c) + t * of(3 + c);
@@ -383,17 +408,18 @@ auto look = [&](int l) -> bool {
                 w.to[to] = asked(where[i + j + 1]);
                 w.lane[to] = l;
                 for (int c = 0; c < 4; ++c) w.part[c][to] = parts[c][j];
+                w.rest[to] = rests[j];
                 traced[l] = k[i + j] + 1.0f;
             }
             if (w.places > POINTS - 16) trace();
         }
-        for (int c = 0; c < 3; ++c) sums[c] += A * color[c];
+        for (int c = 0; c < 3; ++c) sums[c] += all * color[c];
         opacity += sum(seen ? clear * A : none);
         goes = 1.0f - opacity >= least;
     }
     for (int c = 0; c < 3; ++c) plain[c][l] += sum(sums[c]);
     looked[l] += sum(sums[3]);
-    gone[l] = opacity;
+    gone[l] = goes ? opacity : 1.0f;
     return goes;
 };
 while (bits(on)) {
@@ -439,7 +465,7 @@ def make_eyes(dtype, faint, least):
     Table, _ = make_table(wp.float32)
     text = TASK + wide(scalars_of(dtype) + ENTRIES + ABSORBED + INSIDE, LANES)
     text += NUMBERS + LOOKUP + LIGHT + TRACED + WALK + LOOK
-    numbers = {"POINTS": 128, "PLACES": 32, "FIRST": 16, "FAINT": f"{faint}f", "LEAST": f"{least}f", "FULL": FULL}
+    numbers = {"POINTS": 128, "PLACES": 40, "FIRST": 16, "FAINT": f"{faint}f", "LEAST": f"{least}f", "FULL": FULL}
     numbers |= {"OUTSIDE": f"{OUTSIDE}f"}
     for name, value in numbers.items():
         text = text.replace(name, str(value))

@@ -13,6 +13,7 @@ from ..precision import vec3_of, vec4_of
 from ..ray import View, ending, entry, inside, inverted, pixel
 from ..rays import reaches
 from ..segment import make_absorbed, over
+from .between import make_between
 from .eyes import FOUND, GIVEN, LANES, Task, make_eyes
 from .lanes import PARTS, lanes_of
 from .points import make_shading
@@ -250,59 +251,10 @@ def make_advance(halves):
     shone_on = make_shone_on(halves)
     depth = make_depth(halves)
     way_of = make_way(real)
+    light_on, fading, between = make_between(real, traced, LEAST)
     lanes = lanes_of(halves)
     packed = lanes is not None
     measure = lanes and lanes.measure
-
-    @wp.func
-    def linear(stack: wp.array3d(dtype=real), number: int, u: real, v: real):
-        """Light of a slice, linear between cells, as graphics hardware has it; 1 beyond its border."""
-        rows = stack.shape[1]
-        columns = stack.shape[2]
-        if not (u >= real(0.0) and v >= real(0.0) and u <= real(columns - 1) and v <= real(rows - 1)):
-            return real(1.0)
-        i = wp.max(wp.min(int(u), columns - 2), 0)
-        j = wp.max(wp.min(int(v), rows - 2), 0)
-        x = u - real(i)
-        y = v - real(j)
-        a = stack[number, j, i]
-        b = stack[number, j + 1, i]
-        a += x * (stack[number, j, i + 1] - a)
-        b += x * (stack[number, j + 1, i + 1] - b)
-        return a + y * (b - a)
-
-    @wp.func
-    def around(stack: wp.array3d(dtype=real), number: int, j: int, i: int, before: real, behind: real):
-        """Of three cells of a row, as much of the first and of the last."""
-        here = stack[number, j, i]
-        return here + before * (stack[number, j, i - 1] - here) + behind * (stack[number, j, i + 1] - here)
-
-    @wp.func
-    def spline(stack: wp.array3d(dtype=real), number: int, u: real, v: real):
-        """The same by a quadratic B-spline, which blurs alike wherever cells lie, so that they do not show."""
-        rows = stack.shape[1]
-        columns = stack.shape[2]
-        if not (u >= real(0.5) and v >= real(0.5) and u <= real(columns) - real(1.5) and v <= real(rows) - real(1.5)):
-            return linear(stack, number, u, v)
-        i = wp.min(int(u + real(0.5)), columns - 2)
-        j = wp.min(int(v + real(0.5)), rows - 2)
-        x = u - real(i)
-        y = v - real(j)
-        x0 = real(0.5) * (real(0.5) - x) * (real(0.5) - x)
-        y0 = real(0.5) * (real(0.5) - y) * (real(0.5) - y)
-        a = around(stack, number, j - 1, i, x0, x0 + x)
-        b = around(stack, number, j, i, x0, x0 + x)
-        c = around(stack, number, j + 1, i, x0, x0 + x)
-        return b + y0 * (a - b) + (y0 + y) * (c - b)
-
-    light_on = spline if traced else linear
-
-    @wp.func
-    def between(stack: wp.array3d(dtype=real), slot: real, u: real, v: real):
-        """Light between slices, linear from one to the next."""
-        number = wp.clamp(int(slot), 0, stack.shape[0] - 2)
-        near = light_on(stack, number, u, v)
-        return near + (slot - real(number)) * (light_on(stack, number + 1, u, v) - near)
 
     @wp.func
     def received(scene: Scene, stack: wp.array3d(dtype=real), slot: real, u: real, v: real, p: vec3):
@@ -312,18 +264,24 @@ def make_advance(halves):
         # In depth; there is light of slices from the first on.
         back = wp.min(real(sweep.reach / slant), slot * real(sweep.thickness))
         D = depth(scene, p, -back * vec3(d), back * real(slant), sweep.steps)
-        return wp.max(between(stack, slot - back / real(sweep.thickness), u, v), real(wp.static(LEAST))), D
+        thickness = real(sweep.thickness)
+        least = real(wp.static(LEAST))
+        L = between(stack, slot - back / thickness, u, v, D * thickness / wp.max(back, least))
+        return wp.max(L, least), D
 
     @wp.func
-    def both(D: real, L0: real, D0: real, L1: real, D1: real):
+    def both(D: real, L0: real, D0: real, L1: real, D1: real, rest: real):
         """Emission of 1 over an optical depth D for the eye, in light that it receives at its two ends: the integral of
-        exp(-u) L(u) for u from 0 to D, log L linear in u, as it is where tissue lies in layers of any profile.
+        exp(-u) L(u) for u from 0 to D, log L linear in u, as it is where tissue lies in layers of any profile. With
+        the ``rest`` from there on in the light at its end.
         """
         y = wp.abs(D + D1 - D0 + wp.log(L0 / L1))
-        most = wp.max(L0 * wp.exp(-D0), L1 * wp.exp(-D1 - D))
+        stop = L1 * wp.exp(-D1 - D)
+        most = wp.max(L0 * wp.exp(-D0), stop)
+        rest *= stop
         if y < real(1.0e-4):
-            return D * most
-        return D * most * absorbed(y) / y
+            return D * most + rest
+        return D * most * absorbed(y) / y + rest
 
     @wp.kernel(enable_backward=False, module="unique")
     def advance(
@@ -365,6 +323,8 @@ def make_advance(halves):
         du = real(ray.drift[0])
         dv = real(ray.drift[1])
         onward = ray.onward
+        # Light's: what fans out from the eye goes its way.
+        way_of_slab = real(wp.where(sweep.diverging, ray.apart, sweep.thickness * sweep.slant))
         eye = vec3()
         if wp.static(lighted):
             eye = eye_of(scene, direction)
@@ -432,6 +392,9 @@ def make_advance(halves):
             idle = q[3] <= real(0.0)
             if not idle:
                 D = q[3] * h
+                # Of the part that a ray ends in all is seen that is left, in its light.
+                rest = real(wp.where(clear * (wp.float64(1.0) - wp.float64(A)) < least, 1.0, 0.0))
+                A += rest * (real(1.0) - A)
                 B = real(0.0)  # of the emission of the part what is seen of it in its light
                 if wp.static(traced):
                     visible = D * real(clear)
@@ -447,7 +410,7 @@ def make_advance(halves):
                             far = light_on(stack, slice + turn * (slab + 1), u + e * du, v + e * dv)
                             even = slab
                         w = (a + real(0.5) * h - t) / apart
-                        B = (real(1.0) - dense) * A * (near + w * (far - near))
+                        B = (real(1.0) - dense) * A * fading(near, far, w, q[3] * way_of_slab)
                     if dense > real(0.0):
                         L0 = L1
                         D0 = D1
@@ -464,12 +427,12 @@ def make_advance(halves):
                             scene, stack, real(slice) + rise * (b - t0), u + b * du, v + b * dv, origin + b * direction
                         )
                         traced_to = k
-                        B += dense * both(D, L0, D0, L1, D1)
+                        B += dense * both(D, L0, D0, L1, D1, rest)
                 else:
                     t = a + real(0.5) * h
                     if sweep.parts == 1:
                         t = wp.where(onward, start, start + part)  # at the slab's front
-                    B = A * between(stack, real(slice) + rise * (t - t0), u + t * du, v + t * dv)
+                    B = A * between(stack, real(slice) + rise * (t - t0), u + t * du, v + t * dv, real(0.0))
                 color = real(clear) * vec3(q[0], q[1], q[2])
                 plain += A * color
                 shone += B * color
