@@ -4,6 +4,43 @@ from functools import cache
 
 import warp as wp
 
+# The same in vectors, after ``eyes.NUMBERS``: of slices in cells one by one.
+LIGHT = """
+const int rows = stack.shape[1], columns = stack.shape[2];
+// Light of a slice, linear between cells; 1 beyond its border.
+auto linear = [&](const float* L, float u, float v) __attribute__((noinline)) -> float {
+    if (!(u >= 0.0f && v >= 0.0f && u <= (float)(columns - 1) && v <= (float)(rows - 1))) return 1.0f;
+    const int i = MORE(LESS((int)u, columns - 2), 0), j = MORE(LESS((int)v, rows - 2), 0);
+    const float x = u - (float)i, y = v - (float)j;
+    const float* c = L + (int64_t)j * columns + i;
+    const float a = c[0] + x * (c[1] - c[0]), b = c[columns] + x * (c[columns + 1] - c[columns]);
+    return a + y * (b - a);
+};
+// By a quadratic B-spline, three rows of four cells each; behind the last slice there is room for one more.
+auto light = [&](int number, float u, float v) -> float {
+    const float* L = stack.data + (int64_t)number * rows * columns;
+    if (!(u >= 0.5f && v >= 0.5f && u <= (float)columns - 1.5f && v <= (float)rows - 1.5f)) return linear(L, u, v);
+    const int i = LESS((int)(u + 0.5f), columns - 2), j = LESS((int)(v + 0.5f), rows - 2);
+    const float x = u - (float)i, y = v - (float)j;
+    const float x0 = 0.5f * (0.5f - x) * (0.5f - x), y0 = 0.5f * (0.5f - y) * (0.5f - y);
+    const float* c = L + (int64_t)j * columns + i - 1;
+    const v4f a = *(const v4f*)(c - columns), b = *(const v4f*)c, d = *(const v4f*)(c + columns);
+    const v4f of = (v4f){x0, 1.0f - 2.0f * x0 - x, x0 + x, 0.0f} * (b + y0 * (a - b) + (y0 + y) * (d - b));
+    return of[0] + of[1] + of[2];
+};
+// Light from L0 to L1 between two slices, as below.
+auto faded = [&](vf L0, vf L1, vf s, vf x) -> vf {
+    if (!bits(x > 0.01f)) return L0 + s * (L1 - L0);
+    const vf one = LESS(LESS(x, none + 8.0f), ABS(logarithm(MORE(L0, none + LEAST) / MORE(L1, none + LEAST))));
+    auto grown = [&](vf s) -> vf {
+        const vf w = s * s * (one * one) * (1.0f / 6);
+        const vf more = 0.3f * (1.0f + w * (1.0f / 7) * (1.0f + w * (1.0f / 12 + w * (1.0f / 220))));
+        return s * (1.0f + w * (1.0f + w * more));
+    };
+    return (grown(1.0f - s) * L0 + grown(s) * L1) / grown(none + 1.0f);
+};
+"""
+
 
 @cache
 def make_between(real, smooth, least):

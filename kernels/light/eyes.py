@@ -14,14 +14,17 @@ from ..field.scalars import scalars_of
 from ..field.strides import FULL
 from ..transfer.lookup import make_table
 from ..vectors import VECTORS, wide
+from .between import LIGHT
 from .lanes import ABSORBED, ENTRIES, INSIDE
+from .points import Lights
+from .shine import PLACES
 from .travel import Sweep
 
 # Rays abreast.
 LANES = 16
 # Numbers of each: origin, direction and length, where parts begin, distance of slices, where it is in light's cells and
-# what that grows by, and what is already hidden of it.
-GIVEN = 14
+# what that grows by, what is already hidden of it, and the unit vector to the viewer.
+GIVEN = 17
 # How far behind a face a ray is in the block behind it.
 OUTSIDE = 1.0e-3
 # And what it has come to: colour without shadows and with, opacity, and parts that were looked at.
@@ -78,42 +81,6 @@ auto logarithm = [](vf x) -> vf {
     const vf m = (vf)(bits - (e << 23)), z = (m - 1.0f) / (m + 1.0f), q = z * z;
     const vf p = 1.0f + q * (1.0f / 3 + q * (1.0f / 5 + q * (1.0f / 7 + q * (1.0f / 9))));
     return 2.0f * z * p + __builtin_convertvector(e, vf) * 0.693147180559945f;
-};
-"""
-
-LIGHT = """
-const int rows = stack.shape[1], columns = stack.shape[2];
-// Light of a slice, linear between cells; 1 beyond its border.
-auto linear = [&](const float* L, float u, float v) __attribute__((noinline)) -> float {
-    if (!(u >= 0.0f && v >= 0.0f && u <= (float)(columns - 1) && v <= (float)(rows - 1))) return 1.0f;
-    const int i = MORE(LESS((int)u, columns - 2), 0), j = MORE(LESS((int)v, rows - 2), 0);
-    const float x = u - (float)i, y = v - (float)j;
-    const float* c = L + (int64_t)j * columns + i;
-    const float a = c[0] + x * (c[1] - c[0]), b = c[columns] + x * (c[columns + 1] - c[columns]);
-    return a + y * (b - a);
-};
-// By a quadratic B-spline, three rows of four cells each; behind the last slice there is room for one more.
-auto light = [&](int number, float u, float v) -> float {
-    const float* L = stack.data + (int64_t)number * rows * columns;
-    if (!(u >= 0.5f && v >= 0.5f && u <= (float)columns - 1.5f && v <= (float)rows - 1.5f)) return linear(L, u, v);
-    const int i = LESS((int)(u + 0.5f), columns - 2), j = LESS((int)(v + 0.5f), rows - 2);
-    const float x = u - (float)i, y = v - (float)j;
-    const float x0 = 0.5f * (0.5f - x) * (0.5f - x), y0 = 0.5f * (0.5f - y) * (0.5f - y);
-    const float* c = L + (int64_t)j * columns + i - 1;
-    const v4f a = *(const v4f*)(c - columns), b = *(const v4f*)c, d = *(const v4f*)(c + columns);
-    const v4f of = (v4f){x0, 1.0f - 2.0f * x0 - x, x0 + x, 0.0f} * (b + y0 * (a - b) + (y0 + y) * (d - b));
-    return of[0] + of[1] + of[2];
-};
-// Light from L0 to L1 between two slices, as of ``between``.
-auto fading = [&](vf L0, vf L1, vf s, vf x) -> vf {
-    if (!bits(x > 0.01f)) return L0 + s * (L1 - L0);
-    const vf one = LESS(LESS(x, none + 8.0f), ABS(logarithm(MORE(L0, none + LEAST) / MORE(L1, none + LEAST))));
-    auto grown = [&](vf s) -> vf {
-        const vf w = s * s * (one * one) * (1.0f / 6);
-        const vf more = 0.3f * (1.0f + w * (1.0f / 7) * (1.0f + w * (1.0f / 12 + w * (1.0f / 220))));
-        return s * (1.0f + w * (1.0f + w * more));
-    };
-    return (grown(1.0f - s) * L0 + grown(s) * L1) / grown(none + 1.0f);
 };
 """
 
@@ -178,7 +145,7 @@ auto trace = [&]() __attribute__((noinline)) {
             after[n] = light(slices[n] + 1, w.place[3][l + n], w.place[4][l + n]);
         }
         const vf x = D * (float)sweep.thickness / MORE(back, none + LEAST);
-        AT(w.L, l) = MORE(fading(AT(before, 0), AT(after, 0), share, x), none + LEAST);
+        AT(w.L, l) = MORE(faded(AT(before, 0), AT(after, 0), share, x), none + LEAST);
     }
     for (int l = 0; l < w.parts; l += 16) {
         alignas(64) float L0[16], D0[16], L1[16], D1[16];
@@ -208,6 +175,17 @@ auto trace = [&]() __attribute__((noinline)) {
     w.places = 16;
     w.parts = 0;
 };
+"""
+
+# In lights of the scene, a part in its middle.
+LIT_PART = """
+        if (bits(seen)) {
+            const vf m = 0.5f * (a + b), eye[3] = {none + of(14), none + of(15), none + of(16)};
+            const vf p[3] = {of(0) + m * of(3), of(1) + m * of(4), of(2) + m * of(5)};
+            vf I[6];
+            intensities(p, eye, I);
+            for (int c = 0; c < 3; ++c) q[c] = (ambient + I[c]) * q[c] + I[3 + c] * tau;
+        }
 """
 
 # Which parts of each ray there may be something to see in, block by block: numbers of the places that they are between.
@@ -356,6 +334,7 @@ auto look = [&](int l) -> bool {
         sums[3] += is & lasts ? none + 1.0f : none;
         const vf dense = LESS(MORE(D * clear * (1.0f / FAINT) - 1.0f, none), none + 1.0f);
         const vf one = clear / tau;
+        LIT_PART
         // Of the part that a ray ends in all is seen that is left, in its light.
         const vi ends = seen & (clear * (1.0f - A) < least);
         const vf all = ends ? none + 1.0f : A;
@@ -384,7 +363,7 @@ auto look = [&](int l) -> bool {
             near[l] = from;
             far[l] = to;
             const vf fades = dense < 1.0f ? tau * way_of_slab : none;
-            const vf L = fading(AT(before, 0), AT(behind, 0), (0.5f * (a + b) - t) / apart, fades);
+            const vf L = faded(AT(before, 0), AT(behind, 0), (0.5f * (a + b) - t) / apart, fades);
             const vf B = seen ? (1.0f - dense) * all * L : none;
             for (int c = 0; c < 3; ++c) shone[c][l] += sum(B * color[c]);
         }
@@ -456,19 +435,37 @@ class Task:
 
 
 @cache
-def make_eyes(dtype, faint, least):
-    """``look(field, table, sweep, stack, task, rays, found)``, of samples of a ``dtype``: ``LANES`` rays through slabs
-    of the light of the ``stack``. ``rays`` are (GIVEN, LANES), those without a length left out; what they have come to
-    is ``found`` (FOUND, LANES). Tissue is ``faint`` up to an optical depth, and light at ``least``, as of ``slices``.
+def make_eyes(dtype, faint, least, lighted):
+    """``look(field, table, sweep, stack, task, lights, rays, found)``, of samples of a ``dtype``: ``LANES`` rays
+    through slabs of the light of the ``stack``. ``rays`` are (GIVEN, LANES), those without a length left out; what they
+    have come to is ``found`` (FOUND, LANES). Tissue is ``faint`` up to an optical depth, and light at ``least``, as of
+    ``slices``. Without ``lighted`` there are no ``lights``, nor vectors to the viewer.
     """
     Field = make_samples(dtype)
     Table, _ = make_table(wp.float32)
     text = TASK + wide(scalars_of(dtype) + ENTRIES + ABSORBED + INSIDE, LANES)
-    text += NUMBERS + LOOKUP + LIGHT + TRACED + WALK + LOOK
+    lit, lit_part = (PLACES, LIT_PART) if lighted else ("", "")
+    text += NUMBERS + LOOKUP + lit + LIGHT + TRACED + WALK + LOOK.replace("LIT_PART", lit_part)
     numbers = {"POINTS": 128, "PLACES": 40, "FIRST": 16, "FAINT": f"{faint}f", "LEAST": f"{least}f", "FULL": FULL}
     numbers |= {"OUTSIDE": f"{OUTSIDE}f"}
     for name, value in numbers.items():
         text = text.replace(name, str(value))
+
+    if lighted:
+
+        @wp.func_native(VECTORS + text)
+        def look_lit(
+            field: Field,
+            table: Table,
+            sweep: Sweep,
+            stack: wp.array3d(dtype=wp.float32),
+            task: Task,
+            lights: Lights,
+            rays: wp.array2d(dtype=wp.float32),
+            found: wp.array2d(dtype=wp.float32),
+        ): ...
+
+        return look_lit
 
     @wp.func_native(VECTORS + text)
     def look(

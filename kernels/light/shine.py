@@ -1,4 +1,4 @@
-"""Light on pieces of ray: where it is asked for, and sixteen at a time in single precision, as text for snippets.
+"""Light on pieces of ray, and at places: sixteen at a time in single precision, as text for snippets.
 
 A piece is lit in a few points that see equal parts of its opacity, Gauss and Legendre's, if its extinction were linear,
 from what it is in front and as much on the whole: at depths -ln(1 - A y). Its other end is a twentieth of the front at
@@ -83,6 +83,8 @@ auto shine = [&](vf gx, vf gy, vf gz, const vf* eye, vf* I) {
         I[3 + c] *= specular;
     }
 };
+"""
+PIECES = """
 struct Lit {
     vf x, A, g, m1, m2, m3;  // as of the series
     vf mid, half;  // where it is in its cell
@@ -177,6 +179,25 @@ auto lit = [&](const Lit& p, vi wanted, vf T, vf* out) __attribute__((noinline))
     }
 };
 """
+# Intensities at places, after ``field.scalars`` and ``lanes.ABSORBED``, by central differences; these are one-sided at
+# the faces of the box, beyond which scalars go on linearly.
+PLACES = f"""
+auto fading = [&](vf y) -> vf {{ return 1.0f - absorbed(y); }};
+{SHINE}
+auto intensities = [&](const vf* p, const vf* eye, vf* I) __attribute__((noinline)) {{
+    const auto& world = lights.to_world.data;
+    vf q[3] = {{p[0], p[1], p[2]}}, g[3], w[3];
+    for (int c = 0; c < 3; ++c) {{
+        q[c] = p[c] + 1.0f;
+        g[c] = scalars(q[0], q[1], q[2]);
+        q[c] = p[c] - 1.0f;
+        g[c] = 0.5f * (g[c] - scalars(q[0], q[1], q[2]));
+        q[c] = p[c];
+    }}
+    for (int c = 0; c < 3; ++c) w[c] = world[c][0] * g[0] + world[c][1] * g[1] + world[c][2] * g[2];
+    shine(w[0], w[1], w[2], eye, I);
+}};
+"""
 SUM = """
 // Sums of four.
 auto summed = [](vf a, vf b, vf c, vf d) -> v4f {
@@ -213,8 +234,12 @@ def shining(clipped):
     ``tolerance``, of a piece in parts of its opacity.
     """
     behind = "G[19] + (p.mid - p.half) * G[20] < 1.0f ? zero + (diffuse + specular) :" if clipped else ""
-    text = SUM + SHINE.replace("BEHIND_CUT", behind).replace(
-        "TOWARDS_CUT", TOWARDS_CUT.replace("CUTf", f"{CUT!r}f") if clipped else ""
+    text = (
+        SUM
+        + SHINE
+        + PIECES.replace("BEHIND_CUT", behind).replace(
+            "TOWARDS_CUT", TOWARDS_CUT.replace("CUTf", f"{CUT!r}f") if clipped else ""
+        )
     )
     names = {"LIT_ROWS": str(rows_of(clipped)), "MUCH": f"{MUCH}f", "MORE": f"{MORE}f", "PARTS": str(PARTS)}
     for name, n in (("FEW", FEW), ("MANY", MANY)):

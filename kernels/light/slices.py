@@ -16,7 +16,7 @@ from ..segment import make_absorbed, over
 from .between import make_between
 from .eyes import FOUND, GIVEN, LANES, Task, make_eyes
 from .lanes import PARTS, lanes_of
-from .points import make_shading
+from .points import KINDS, make_shading
 from .tissue import make_depth, make_shone_on, make_tissue
 from .travel import make_way
 
@@ -152,7 +152,9 @@ def make_abreast(halves):
     """The kernel ``advance`` of ``LANES`` rays at a time."""
     Scene = halves.Scene
     through = make_through(halves)
-    look = make_eyes(halves.field.dtype, FAINT, LEAST)
+    lighted = halves.light is not None
+    look = make_eyes(halves.field.dtype, FAINT, LEAST, lighted)
+    eye_of, *_ = make_shading(halves)
 
     @wp.kernel(enable_backward=False, module="unique")
     def advance(
@@ -211,6 +213,10 @@ def make_abreast(halves):
                         rays[11 + c, l] = float(ray.drift[c])
                     if onward:
                         rays[13, l] = float(seen)
+                    if wp.static(lighted):
+                        eye = eye_of(scene, wp.vec3(ray.direction))
+                        for c in range(3):
+                            rays[14 + c, l] = eye[c]
         if going == 0:
             return
         task = Task()
@@ -221,7 +227,10 @@ def make_abreast(halves):
         task.turn = wp.where(onward, 1, -1)
         task.count = count
         task.least = float(wp.float64(1.0) - scene.opaque)
-        look(scene.field, scene.table, scene.march, stack, task, rays, found)
+        if wp.static(lighted):
+            look(scene.field, scene.table, scene.march, stack, task, scene.light, rays, found)
+        else:
+            look(scene.field, scene.table, scene.march, stack, task, rays, found)
         for l in range(last):
             if rays[6, l] > float(0.0):
                 plain = wp.vec3d(wp.vec3(found[0, l], found[1, l], found[2, l]))
@@ -235,8 +244,10 @@ def make_abreast(halves):
 def make_advance(halves):
     """The kernel ``advance`` of a sweep, and how many rays an item of its launch has."""
     preintegrated, traced = halves.march.preintegrated, halves.march.traced
-    lighted = halves.light is not None
-    if lanes_of(halves) is not None and traced and not lighted:
+    light = halves.light
+    lighted = light is not None
+    plain = not lighted or (light.kinds == KINDS and light.gradient == "central" and not light.material)
+    if lanes_of(halves) is not None and traced and plain:
         return make_abreast(halves), LANES
     real = halves.real
     vec3 = vec3_of(real)
