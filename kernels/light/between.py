@@ -29,7 +29,7 @@ auto light = [&](int number, float u, float v) -> float {
     return of[0] + of[1] + of[2];
 };
 // Light from L0 to L1 between two slices, as below.
-auto faded = [&](vf L0, vf L1, vf s, vf x) -> vf {
+auto faded = [&](vf L0, vf L1, vf s, vf x, vf part, vf D) -> vf {
     if (!bits(x > 0.01f)) return L0 + s * (L1 - L0);
     const vf one = LESS(LESS(x, none + 8.0f), ABS(logarithm(MORE(L0, none + LEAST) / MORE(L1, none + LEAST))));
     auto grown = [&](vf s) -> vf {
@@ -37,7 +37,9 @@ auto faded = [&](vf L0, vf L1, vf s, vf x) -> vf {
         const vf more = 0.3f * (1.0f + w * (1.0f / 7) * (1.0f + w * (1.0f / 12 + w * (1.0f / 220))));
         return s * (1.0f + w * (1.0f + w * more));
     };
-    return (grown(1.0f - s) * L0 + grown(s) * L1) / grown(none + 1.0f);
+    const vf y = part * (L0 > L1 ? one : -one);
+    const vf L = (grown(1.0f - s) * L0 + grown(s) * L1) / grown(none + 1.0f);
+    return L * (1.0f + y * (D * (1.0f / 12) + y * (1.0f / 24)));
 };
 """
 
@@ -45,8 +47,8 @@ auto faded = [&](vf L0, vf L1, vf s, vf x) -> vf {
 @cache
 def make_between(real, smooth, least):
     """``light_on(stack, number, u, v)``, that of a slice, ``smooth`` or linear between its cells;
-    ``fading(L0, L1, s, x)``, from one slice to the next; and ``between(stack, slot, u, v, x)``, both. Light of less
-    than ``least`` is as good as none.
+    ``fading(L0, L1, s, x, part, D)``, from one slice to the next; and ``between(stack, slot, u, v, x)``, both. Light of
+    less than ``least`` is as good as none.
     """
 
     @wp.func
@@ -100,19 +102,23 @@ def make_between(real, smooth, least):
         return s * (real(1.0) + w * (real(1.0) + w * more))
 
     @wp.func
-    def fading(L0: real, L1: real, s: real, x: real):
+    def fading(L0: real, L1: real, s: real, x: real, part: real, D: real):
         """Light between two slices, s of the way: of L'' = x^2 L, x what tissue there takes of log L a slab, if light
         does go by as much, else as much as it goes by. So it is exact where tissue is uniform, and linear where light
-        goes for another reason, a surface or a shadow's edge.
+        goes for another reason, a surface or a shadow's edge. In the mean of what is emitted in a ``part`` of the slab
+        about there, which is D deep for the eye, to second order.
         """
         dark = real(wp.static(least))
         one = wp.min(wp.min(x, real(8.0)), wp.abs(wp.log(wp.max(L0, dark) / wp.max(L1, dark))))
-        return (grown(real(1.0) - s, one) * L0 + grown(s, one) * L1) / grown(real(1.0), one)
+        y = part * wp.where(L0 > L1, one, -one)
+        L = (grown(real(1.0) - s, one) * L0 + grown(s, one) * L1) / grown(real(1.0), one)
+        return L * (real(1.0) + y * (D / real(12.0) + y / real(24.0)))
 
     @wp.func
     def between(stack: wp.array3d(dtype=real), slot: real, u: real, v: real, x: real):
         """Light at a place in the stack, as ``fading``."""
         number = wp.clamp(int(slot), 0, stack.shape[0] - 2)
-        return fading(light_on(stack, number, u, v), light_on(stack, number + 1, u, v), slot - real(number), x)
+        near = light_on(stack, number, u, v)
+        return fading(near, light_on(stack, number + 1, u, v), slot - real(number), x, real(0.0), real(0.0))
 
     return light_on, fading, between

@@ -145,7 +145,7 @@ auto trace = [&]() __attribute__((noinline)) {
             after[n] = light(slices[n] + 1, w.place[3][l + n], w.place[4][l + n]);
         }
         const vf x = D * (float)sweep.thickness / MORE(back, none + LEAST);
-        AT(w.L, l) = MORE(faded(AT(before, 0), AT(after, 0), share, x), none + LEAST);
+        AT(w.L, l) = MORE(faded(AT(before, 0), AT(after, 0), share, x, none, none), none + LEAST);
     }
     for (int l = 0; l < w.parts; l += 16) {
         alignas(64) float L0[16], D0[16], L1[16], D1[16];
@@ -363,7 +363,7 @@ auto look = [&](int l) -> bool {
             near[l] = from;
             far[l] = to;
             const vf fades = dense < 1.0f ? tau * way_of_slab : none;
-            const vf L = faded(AT(before, 0), AT(behind, 0), (0.5f * (a + b) - t) / apart, fades);
+            const vf L = faded(AT(before, 0), AT(behind, 0), (0.5f * (a + b) - t) / apart, fades, (b - a) / apart, D);
             const vf B = seen ? (1.0f - dense) * all * L : none;
             for (int c = 0; c < 3; ++c) shone[c][l] += sum(B * color[c]);
         }

@@ -421,7 +421,7 @@ def make_advance(halves):
                             far = light_on(stack, slice + turn * (slab + 1), u + e * du, v + e * dv)
                             even = slab
                         w = (a + real(0.5) * h - t) / apart
-                        B = (real(1.0) - dense) * A * fading(near, far, w, q[3] * way_of_slab)
+                        B = (real(1.0) - dense) * A * fading(near, far, w, q[3] * way_of_slab, h / apart, D)
                     if dense > real(0.0):
                         L0 = L1
                         D0 = D1
