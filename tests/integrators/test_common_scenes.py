@@ -106,6 +106,15 @@ def test_numbers_change_nothing(name, scene):
             assert error.max() < rounding, numbers
 
 
+def test_units_and_zero_points_change_nothing_beside_labels():
+    """All labels' control points are in them. Of float64 samples, which one kernel sees."""
+    scene = SCENES["labels"]
+    plain = scene.render(INTEGRATORS["Certified"]).rgba
+    for numbers, how in NUMBERS.items():
+        if how.get("dtype", "float64") == "float64":
+            assert off(scene.of(**how).render(INTEGRATORS["Certified"]), plain).max() < 1e-5, numbers
+
+
 @pytest.mark.parametrize("name", ["Exact", "Certified"])
 @pytest.mark.parametrize("numbers", [None, *NUMBERS])
 def test_slabs_of_a_mask_in_closed_form(name, numbers):
