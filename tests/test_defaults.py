@@ -123,6 +123,17 @@ def test_presets_in_hounsfield_units_doubt_other_data(volume, recwarn):
     assert not recwarn
 
 
+@pytest.mark.parametrize("scale", [1e-315, 1e300])
+@pytest.mark.filterwarnings("error")
+def test_magnitudes_change_neither_colours_nor_light(scale):
+    samples = wvr.datasets.load("blobs", 24).numpy().astype(np.float64)
+    volumes = wvr.Volume(samples), wvr.Volume(samples * scale)
+    ours, theirs = (function_of("viridis", volume)[0] for volume in volumes)
+    assert np.allclose(theirs.colors, ours.colors, atol=1e-6) and np.allclose(theirs.knots / scale, ours.knots, 1e-6)
+    plain, scaled = (wvr.render(volume, "viridis", size=(16, 16)).rgba for volume in volumes)
+    assert np.abs(scaled - plain).max() < 4e-3
+
+
 def test_fields_without_samples_need_a_transfer_function(monkeypatch):
     from .extending.marschner_lobb import MarschnerLobb
 

@@ -264,7 +264,9 @@ def recolored(tf: TransferFunction, colors: Colors, limits: tuple[float, float])
     order = np.argsort(np.concatenate([tf.knots, added]), kind="stable")
     knots = np.concatenate([tf.knots, added])[order]
     opacity = np.concatenate([tf.opacities, -np.expm1(-tf.extinction(added))])[order]
-    painted = np.stack([np.interp(knots, at, channel) for channel in rgb.T], axis=-1)
+    # In parts of the range: of denormal numbers the slopes overflow.
+    parts = (knots - at[0]) / (at[-1] - at[0])
+    painted = np.stack([np.interp(parts, np.linspace(0, 1, len(rgb)), channel) for channel in rgb.T], axis=-1)
     return TransferFunction.from_arrays(knots, painted, opacity, tf.unit_distance)
 
 

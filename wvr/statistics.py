@@ -168,7 +168,10 @@ class Statistics:
     def smooth(self, above: float, below: float = np.inf) -> bool:
         """Whether samples between the two vary less from one to the next than they would at random."""
         inside = (self.samples > above) & (self.samples < below)
-        spread = float(np.std(self.samples[inside])) if inside.sum() > 8 else 0.0
+        # In parts of the largest: no square is too large.
+        some = self.samples[inside].astype(np.float64)
+        largest = float(np.abs(some).max(initial=0.0)) or 1.0
+        spread = float(np.std(some / largest)) if some.size > 8 else 0.0
         if spread == 0:
             return True
         differences = []
@@ -180,9 +183,7 @@ class Statistics:
             both = (a > above) & (b > above) & (a < below) & (b < below)
             differences.append((a - b)[both])
         steps = np.concatenate(differences)
-        # In parts of the largest: no square is too large.
-        largest = float(np.abs(steps).max(initial=0.0)) or 1.0
-        return steps.size < 8 or largest * float(np.sqrt(np.mean((steps / largest) ** 2))) < 0.9 * np.sqrt(2) * spread
+        return steps.size < 8 or float(np.sqrt(np.mean((steps / largest) ** 2))) < 0.9 * np.sqrt(2) * spread
 
 
 def _pairs(n: int) -> tuple[range, range]:

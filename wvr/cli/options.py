@@ -239,10 +239,13 @@ def transfer_function_of(
         given = cmap.split(",") if "," in cmap else _checked_colormap(cmap)
     try:
         return function_of(given, volume, strengths, limits, method)
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         # By the names that they have here.
         message = re.sub("^transfer_function must", "--tf must", str(error))
-        raise ValueError(re.sub("^(clim|opacity) ", r"--\1 ", message)) from None
+        message = message.replace(
+            '"viridis", clim=(0, 255), opacity="linear"', "--cmap viridis --clim 0,255 --opacity linear"
+        )
+        raise type(error)(re.sub("^(clim|opacity) ", r"--\1 ", message)) from None
 
 
 def _checked_colormap(name: str) -> str:

@@ -321,7 +321,7 @@ def _steepest(tf: TransferFunction, unit: float, length: float) -> float:
     values = transfer_values(tf, unit)
     change = np.abs(np.diff(values, axis=0))
     seen = (values[1:, 3] > 0) | (values[:-1, 3] > 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         slopes = np.nan_to_num(change / np.diff(tf.knots)[:, None], nan=0.0, posinf=np.inf)[seen]
     most = slopes.max(axis=0, initial=0.0)
     with np.errstate(over="ignore"):
