@@ -67,7 +67,8 @@ def test_a_store_is_read_as_is_said(run, rendered, tmp_path):
         (("--select", "c"), "--select"),
         (("--select", "c:7"), "c must be an index"),
         (("--level", "1"), "level"),
-        (("--cmap", "viridis"), "is one: --cmap viridis --clim 0,255 --opacity linear"),
+        ((), "select one, --select c:0"),
+        (("--select", "c:0", "--cmap", "viridis"), "is one: --cmap viridis --clim 0,255 --opacity linear"),
         (("--workers", "2", "--scheduler", "tcp://127.0.0.1:1"), "--workers or --scheduler"),
     ],
 )

@@ -245,7 +245,7 @@ def transfer_function_of(
         message = message.replace(
             '"viridis", clim=(0, 255), opacity="linear"', "--cmap viridis --clim 0,255 --opacity linear"
         )
-        raise type(error)(re.sub("^(clim|opacity) ", r"--\1 ", message)) from None
+        raise ValueError(re.sub("^(clim|opacity) ", r"--\1 ", message)) from None
 
 
 def _checked_colormap(name: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -67,7 +68,10 @@ class Streaming:
                 raise ValueError(f"--level, --select, --budget and --missing are for stores (zarr), {source!r} is none")
             return None
         selection: Any = dict(map(_selected, self.select))
-        return open_volume(source, self.level, nan=nan, **reading.of_store(source), **selection)
+        try:
+            return open_volume(source, self.level, nan=nan, **reading.of_store(source), **selection)
+        except ValueError as error:
+            raise ValueError(re.sub(r"wvr\.open\(\.\.\., (\w+)=0\)", r"--select \1:0", str(error))) from None
 
     def options(self, client: Any) -> dict[str, Any]:
         """Those of ``wvr.render``."""
