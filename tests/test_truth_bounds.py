@@ -338,6 +338,17 @@ def test_samples_that_underflow_beside_control_points(dtype, exponent, largest, 
     assert image.error_bound.max() < 1e-3
 
 
+def test_little_samples_seen_from_where_cells_meet():
+    # Cells that rays only touch, and colours as steep as single precision does not hold.
+    samples = np.random.default_rng(0).random((4, 4, 4), np.float32) * np.float32(1e-30)
+    points = [(-1e12, "blue", 0.5), (0.0, "red", 0.0), (1e-30, "lime", 0.5)]
+    camera = wvr.Camera((1, 1, 1), (2, 1.7, 1.4), (0, 0, 1), 120.0)
+    image, _ = assert_bounded(
+        wvr.Volume(samples), wvr.TransferFunction(points), camera, (16, 16), tolerance=1e-2, precision="float32"
+    )
+    assert image.error_bound.max() < 1e-2
+
+
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 3e-7, 2e-7, 1e-7])
 @pytest.mark.parametrize("precision", ["auto", "float32", "float64"])
 @pytest.mark.parametrize("brightness", [1.0, 30.0])

@@ -173,6 +173,8 @@ class BrickedFrame:
             return self._told(caster, shown, stats)
         rgba = partial.rgbt.astype(shown)
         rgba[..., 3] = 1.0 - partial.through
+        # What unread bricks may look like is rounded, on whichever side of nothing.
+        np.maximum(rgba, 0.0, out=rgba)
         if partial.bound is not None:
             rounding = float(np.finfo(shown).eps) / 2 + COMPOSED * sum(caster.bricks.counts)
             bound = partial.bound

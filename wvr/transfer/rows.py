@@ -216,6 +216,9 @@ def _closed(table: NDArray[np.float32], off: Floats) -> NDArray[np.float32]:
         rounded = (off + 2.0**-48 * np.stack([size, bright])).T.astype(np.float32)
     table[:, 5:7] = np.maximum(np.nextafter(rounded, np.float32(np.inf)), 1e-30)
     table[~np.isfinite(table).all(axis=1) | (np.abs(table) > 1e18).any(axis=1), 1] = -1
+    # A cell that a ray only touches has any row, nothing times it: that is to be nothing.
+    for seen in (table[:, 2:5], table[:, 8:15]):
+        seen[~np.isfinite(seen)] = 0.0
     return table
 
 
