@@ -190,6 +190,24 @@ def test_progress(scene, threads):
         renderer.render(camera, (4, 4), progress=True)
 
 
+def test_progress_that_renders(scene, threads):
+    """Other images, and depths of them, are no part of what is told of; the renderer itself says that it is busy."""
+    threads(2)
+    volume, tf, camera = scene
+    renderer = wvr.Renderer(volume, tf, **SLOW)
+    plain = renderer.render(camera, (16, 16))
+    depths = []
+
+    def other(share):
+        depths.append(wvr.render(volume, tf, camera, (8, 8)).depth() + plain.depth()[:8, :8])
+
+    assert np.array_equal(renderer.render(camera, (16, 16), progress=other).rgba, plain.rgba)
+    assert len(depths) > 0 and all(np.array_equal(each, depths[0], equal_nan=True) for each in depths)
+    with pytest.raises(RuntimeError, match="busy with a frame of this thread"):
+        renderer.render(camera, (16, 16), progress=lambda share: renderer.render(camera, (8, 8)))
+    assert np.array_equal(renderer.render(camera, (16, 16)).rgba, plain.rgba)
+
+
 def test_parts_of_progress_are_in_turn():
     """Nested, by their weights, and nothing is left of one that failed."""
     shares = []

@@ -137,7 +137,16 @@ def reporting(report: Callable[[float], object] | None) -> Iterator[None]:
     try:
         yield
         if report is not None:
-            report(1.0)
+            _tell(report, 1.0)
+    finally:
+        _report.reset(token)
+
+
+def _tell(report: Callable[[float], object], share: float) -> None:
+    """What is launched within is not of what is told of."""
+    token = _report.set(None)
+    try:
+        report(share)
     finally:
         _report.reset(token)
 
@@ -302,22 +311,30 @@ class Lock:
     """A lock that a cancelled frame does not wait for, and that is open in a forked child whoever held it."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self.open()
         _locks.add(self)
+
+    def open(self) -> None:
+        self._lock, self._holder = threading.Lock(), 0
 
     def __reduce__(self) -> tuple:
         return Lock, ()  # a copy, or what is unpickled, has one of its own
 
     @contextmanager
     def held(self) -> Iterator[None]:
+        """Raises RuntimeError where the thread itself holds it and nobody can cancel: it would wait for ever."""
+        if self._holder == threading.get_ident() and _cancel.get() is None:
+            raise RuntimeError("a renderer is busy with a frame of this thread: progress= must not ask it for another")
         taken = False
         try:
             while not taken:
                 taken = self._lock.acquire(timeout=POLL)
                 _check_cancelled()
+            self._holder = threading.get_ident()
             yield
         finally:
             if taken:
+                self._holder = 0
                 self._lock.release()
 
 
@@ -406,7 +423,7 @@ def _work(
             _check_cancelled()
             if report is not None and done is not None:
                 tell, low, high = report
-                tell(low + (high - low) * done())
+                _tell(tell, low + (high - low) * done())
     except BaseException:
         stop()
         # Who enters later finds that nothing is to be done.
@@ -430,7 +447,7 @@ def _after_fork() -> None:
     global _own
     _own = threading.local()
     for lock in _locks:
-        lock._lock = threading.Lock()
+        lock.open()
 
 
 if hasattr(os, "register_at_fork"):
