@@ -433,3 +433,15 @@ def test_bad_input_of_render(blobs, smooth_tf):
     behind = wvr.DirectionalLight(np.subtract(camera.target, camera.position))
     with pytest.raises(ValueError, match=r"need light from the side of the viewer, got .* 180 degrees from the view"):
         shaded(blobs, smooth_tf, camera, light=behind, mode="view-aligned")
+
+
+@pytest.mark.parametrize("light", ["headlight", "directional"])
+def test_light_of_any_width_is_finite(light):
+    """Where more blur is asked for than there are steps of diffusion, which grow no oscillation."""
+    volume = wvr.Volume(np.full((1, 11, 5), 128, np.uint8))
+    tf = wvr.TransferFunction([(0, "white", 0.5), (255, "white", 0.5)])
+    camera = wvr.Camera.fit(volume, (0.2, 1, 0.3))
+    one = wvr.Headlight() if light == "headlight" else wvr.DirectionalLight(tuple(camera.basis()[2]))
+    shadows = wvr.ConvolutionShadows(spread=85, slice_distance=20, light=one)
+    rgba = wvr.render(volume, tf, camera, (16, 12), shadows=shadows).rgba
+    assert np.isfinite(rgba).all() and rgba.min() >= 0 and rgba.max() <= 1

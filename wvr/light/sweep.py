@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 AHEAD = 128 << 20
 # Largest variance of a step of diffusion [cells], at which its weights are positive.
 LARGEST_STEP = 0.5
-# Steps of diffusion a slab at most; only right in front of a camera inside the volume more would be asked for.
+# Steps of diffusion a slab at most: right in front of a camera inside the volume, and of light as wide as it is long,
+# more would be asked for, and there is less blur.
 MOST_STEPS = 64
 # Cosine between light and view down to which slices are view-aligned by themselves.
 ALIGNED = 0.5
@@ -213,7 +214,7 @@ def travel(
             parts = min(int(np.ceil(q / LARGEST_STEP)) or 1, MOST_STEPS)
             for part in range(parts):
                 slot = lead + slab + 1 - first if part == parts - 1 else -1
-                steps.append((slab, real(q / parts), source, slot))
+                steps.append((slab, real(min(q / parts, LARGEST_STEP)), source, slot))
                 source = 1 - source
         launch_in_turn(step, rows * shade.items, steps, [scenes, shade, state], device)
         yield first, count, lead, stack
