@@ -134,6 +134,13 @@ def test_magnitudes_change_neither_colours_nor_light(scale):
     assert np.abs(scaled - plain).max() < 4e-3
 
 
+def test_samples_whose_differences_overflow_are_refused():
+    samples = 1.7e308 * np.linspace(-1, 1, 27).reshape(3, 3, 3)
+    for given in (None, "viridis"):
+        with pytest.raises(ValueError, match="volume must have samples of sizes up to 1e\\+304"):
+            wvr.render(samples, given, size=(8, 8))
+
+
 def test_fields_without_samples_need_a_transfer_function(monkeypatch):
     from .extending.marschner_lobb import MarschnerLobb
 

@@ -265,7 +265,8 @@ def recolored(tf: TransferFunction, colors: Colors, limits: tuple[float, float])
     knots = np.concatenate([tf.knots, added])[order]
     opacity = np.concatenate([tf.opacities, -np.expm1(-tf.extinction(added))])[order]
     # In parts of the range: of denormal numbers the slopes overflow.
-    parts = (knots - at[0]) / (at[-1] - at[0])
+    with np.errstate(over="ignore"):
+        parts = (knots - at[0]) / (at[-1] - at[0])
     painted = np.stack([np.interp(parts, np.linspace(0, 1, len(rgb)), channel) for channel in rgb.T], axis=-1)
     return TransferFunction.from_arrays(knots, painted, opacity, tf.unit_distance)
 

@@ -58,6 +58,8 @@ class Suggestion(NamedTuple):
     surfaces: bool
 
 
+# Samples up to here have sums and differences.
+LARGEST = 1e304
 # Of volumes that are still there, with the version of their samples.
 _made: WeakKeyDictionary[Volume, tuple[int, Suggestion]] = WeakKeyDictionary()
 
@@ -65,6 +67,12 @@ _made: WeakKeyDictionary[Volume, tuple[int, Suggestion]] = WeakKeyDictionary()
 def suggestion(volume: Volume) -> Suggestion:
     """For a volume; see :func:`wvr.presets.suggest`. Made once for the samples that there are."""
     volume.look()
+    low, high = volume.range
+    if max(abs(low), abs(high)) > LARGEST:
+        raise ValueError(
+            f"volume must have samples of sizes up to {LARGEST:.0e} to suggest a transfer function, has {low:.3g} to "
+            f"{high:.3g}; scale them, or give a transfer function"
+        )
     version, made = _made.get(volume, (-1, None))
     if made is None or version != volume.version:
         made = _suggested(Statistics.of(volume))
