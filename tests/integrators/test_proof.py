@@ -140,13 +140,14 @@ def test_the_middle_of_a_very_wide_view(angle):
         assert astray(volume, camera, v, *(n // 2 for n in pixels)) <= v.astray
 
 
-def test_a_ray_along_a_face_is_bounded_by_all_that_it_may_see():
+@pytest.mark.parametrize("precision", ["float32", "float64"])  # rays in lanes, and one by one
+def test_a_ray_along_a_face_is_bounded_by_all_that_it_may_see(precision):
     """Pixel centres on the faces of the box: rounding decides, so the bound is all that there is."""
     volume = wvr.Volume(np.full((9, 9, 9), 9, np.uint8))
     tf = wvr.TransferFunction([(0, "white", 0.5), (9, "white", 0.5)])
     # Pixels a spacing apart, from -1 to 9.
     camera = wvr.Camera([4, 4, 40], [4, 4, 4], up=(0, 1, 0), parallel_scale=5.5)
-    bound = wvr.render(volume, tf, camera, (11, 11)).error_bound
+    bound = wvr.render(volume, tf, camera, (11, 11), precision=precision).error_bound
     assert np.all(bound[1, 1:10] > 0.9) and np.all(bound[9, 1:10] > 0.9)
     assert np.all(bound[1:10, 1] > 0.9) and np.all(bound[1:10, 9] > 0.9)
     assert bound[2:9, 2:9].max() < 1 / 512

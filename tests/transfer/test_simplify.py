@@ -58,3 +58,16 @@ def test_transparent_parts_need_no_colors():
     values[10:40, 3] = 0
     kept = simplify(np.arange(50.0), values, 1e-6, 1e-6, 0.0).knots
     assert not np.any((kept > 10) & (kept < 39)) and {9, 10, 39, 40} <= set(kept)
+
+
+def test_what_a_simpler_transfer_function_leaves_out_is_in_the_bound():
+    """In a uniform field nothing else is: the colour where a control point is left out, and its whole height."""
+    height = 5e-4
+    volume = wvr.Volume(np.full((5, 5, 5), 11, np.uint8))
+    tf = wvr.TransferFunction([(i, [0.5 + height * (i % 3 == 2)] * 3, 0.9) for i in range(256)])
+    camera = wvr.Camera.fit(volume, direction=(1, 0.5, 0.3))
+    image, exact = (
+        wvr.render(volume, tf, camera, (8, 8), integrator=one) for one in (wvr.Certified(0.01), wvr.Exact())
+    )
+    off = np.abs(image.rgba - exact.rgba).max(axis=-1)
+    assert np.all(off <= image.error_bound) and off.max() > 0.9 * height
