@@ -66,7 +66,7 @@ def test_errors_of_a_step_surface(threads):
     """And leave no thread waiting for others."""
     threads(2)
     state = wp.zeros((2, 100), dtype=float, device="cpu")
-    with pytest.raises(Exception, match=r"factor|convert|float"):
+    with pytest.raises(TypeError, match="real number"):
         launch_in_turn(neighbours, 100, [(1.0, 0), ("wide", 1), (1.0, 0)], [state], get_device("cpu"))
 
 

@@ -225,8 +225,9 @@ def launch(
         for base in bases:
             if flag[0]:
                 return
-            command.set_dim(min(strip, first + items - base))
-            command.set_param_at_index(0, base)
+            if (left := first + items - base) < strip:
+                command.set_dim(left)
+            command.set_param_at_index_from_ctype(0, base)
             command.launch()
             done.append(None)
 
@@ -277,14 +278,14 @@ def launch_in_turn(kernel: wp.Kernel, items: int, steps: Sequence[tuple], inputs
     def run() -> None:
         # Every thread has a strip of each step, so when all wait, the step before is done.
         command = wp.launch(kernel, strip, [0, *steps[0], *inputs], device=device, record_cmd=True)
-        last = 0
+        last, width = 0, strip
         for n in order:
             if stopped.is_set():
                 return
             step, part = divmod(n, strips)
             if step != last:
                 for index, value in enumerate(steps[step]):
-                    command.set_param_at_index(1 + index, value)
+                    command.set_param_at_index_from_ctype(1 + index, value)
                 last = step
                 if threads > 1:
                     try:
@@ -292,8 +293,9 @@ def launch_in_turn(kernel: wp.Kernel, items: int, steps: Sequence[tuple], inputs
                     except threading.BrokenBarrierError:
                         return  # whoever broke it says why
             if strips > 1:
-                command.set_dim(min(strip, items - part * strip))
-                command.set_param_at_index(0, part * strip)
+                if (count := min(strip, items - part * strip)) != width:
+                    command.set_dim(width := count)
+                command.set_param_at_index_from_ctype(0, part * strip)
             command.launch()
 
     def stop() -> None:

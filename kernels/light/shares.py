@@ -8,47 +8,21 @@ from ..precision import vec4_of
 from .slices import Eye
 
 
-@wp.kernel(enable_backward=False, module="unique")
-def gather(
-    base: int,
-    seen_by: Eye,
-    color: wp.vec3d,
-    share: bool,
-    fresh: bool,
-    result: wp.array2d(dtype=wp.vec3d),
-    every: int,
-):
-    """Adds what one light, ``fresh`` if it is the first, does to pixels that are ``shown``: colour, or the share of it
-    that light reaches. Of a row there are ``every`` items, which take pixels by turns.
-    """
-    item = wp.tid() + base
-    y = item // every
-    for x in range(item - y * every, result.shape[1], every):
-        if seen_by.shown[y, x] != wp.uint8(0):
-            plain = seen_by.rgba[y, x]
-            lit = seen_by.lit[y, x]
-            if share:
-                # Where a channel has no emission, the share is that of all; where there is none, all is reached.
-                total = plain[0] + plain[1] + plain[2]
-                mean = wp.float64(1.0)
-                if total > wp.float64(0.0):
-                    mean = (lit[0] + lit[1] + lit[2]) / total
-                for c in range(3):
-                    part = mean
-                    if plain[c] > wp.float64(1.0e-6) * total:
-                        part = lit[c] / plain[c]
-                    lit[c] = part
-            lit = wp.cw_mul(color, lit)
-            if not fresh:
-                lit += result[y, x]
-            result[y, x] = lit
+@wp.struct
+class Turn:
+    """Of one light among all, what is put into the image with the last."""
+
+    color: wp.vec3d
+    first: bool
+    last: bool
+    share: bool  # of the image's colours; else all of it is of the slices
 
 
 @cache
-def make_finish(real):
-    """Kernels, items as of ``gather``: ``choose(base, image, shown, every)``, the pixels that show anything, and
-    ``finish(base, light, rgba, shown, share, image, every)``, an image's colours times shares, or all of it from the
-    slices.
+def make_shares(real):
+    """Kernels of which a row has ``every`` items, that take its pixels by turns: ``choose(base, image, shown, every)``,
+    the pixels that show anything, and ``gather(base, seen_by, turn, sums, image, every)``, which puts what all lights
+    do to them into an image; ``sums`` holds it from light to light, and is not looked at where there is one.
     """
     vec4 = vec4_of(real)
 
@@ -60,26 +34,43 @@ def make_finish(real):
             shown[y, x] = wp.uint8(wp.where(image[y, x][3] > real(0.0), 1, 0))
 
     @wp.kernel(enable_backward=False, module="unique")
-    def finish(
+    def gather(
         base: int,
-        light: wp.array2d(dtype=wp.vec3d),
-        rgba: wp.array2d(dtype=wp.vec4d),
-        shown: wp.array2d(dtype=wp.uint8),
-        share: bool,
+        seen_by: Eye,
+        turn: Turn,
+        sums: wp.array2d(dtype=wp.vec3d),
         image: wp.array2d(dtype=vec4),
         every: int,
     ):
         item = wp.tid() + base
         y = item // every
         for x in range(item - y * every, image.shape[1], every):
-            if shown[y, x] != wp.uint8(0):
-                q = light[y, x]
-                A = real(rgba[y, x][3])
-                if share:
-                    before = image[y, x]
-                    A = before[3]
+            if seen_by.shown[y, x] != wp.uint8(0):
+                plain = seen_by.rgba[y, x]
+                lit = seen_by.lit[y, x]
+                if turn.share:
+                    # Where a channel has no emission, the share is that of all; where there is none, all is reached.
+                    total = plain[0] + plain[1] + plain[2]
+                    mean = wp.float64(1.0)
+                    if total > wp.float64(0.0):
+                        mean = (lit[0] + lit[1] + lit[2]) / total
                     for c in range(3):
-                        q[c] *= wp.float64(before[c])
-                image[y, x] = vec4(real(q[0]), real(q[1]), real(q[2]), A)
+                        part = mean
+                        if plain[c] > wp.float64(1.0e-6) * total:
+                            part = lit[c] / plain[c]
+                        lit[c] = part
+                lit = wp.cw_mul(turn.color, lit)
+                if not turn.first:
+                    lit += sums[y, x]
+                if turn.last:
+                    A = real(plain[3])
+                    if turn.share:
+                        before = image[y, x]
+                        A = before[3]
+                        for c in range(3):
+                            lit[c] *= wp.float64(before[c])
+                    image[y, x] = vec4(real(lit[0]), real(lit[1]), real(lit[2]), A)
+                else:
+                    sums[y, x] = lit
 
-    return choose, finish
+    return choose, gather

@@ -15,7 +15,7 @@ from ..field.base import Field
 from ..field.blocks import Octants
 from ..keep import Keeper, Part
 from ..kernels.light.lanes import lanes_of
-from ..kernels.light.shares import gather, make_finish
+from ..kernels.light.shares import Turn, make_shares
 from ..kernels.light.slices import Eye, make_advance
 from ..kernels.light.travel import BORDER, ROWS, RUN, SLABS, Half, Sweep, make_state, make_travel, run_of
 from ..kernels.light.travel import Shade as ShadeStruct
@@ -99,72 +99,52 @@ class Sweeping:
 def shade(frame: Frame, rgba: wp.array, precision: str) -> Shaded:
     """Puts an image into shadow, or makes it, by sweeps in a precision."""
     height, width = rgba.shape
-    shadows, device = frame.scene.shadows, frame.device
-    assert shadows is not None
-    halves = frame.halves(REALS[precision], Half(bool(shadows.preintegrated), shadows.received == "traced"))
-    # Samples of slices are points: clips leave them or not, and light is that of points.
-    cuts = replace(halves.cuts, clipped=False, naive=bool(frame.scene.clips), parts=None)
-    halves = replace(halves, cuts=cuts, light=halves.light and replace(halves.light, mode="point"))
-    struct, _ = frame.struct(halves, Sweeping(shadows, precision))
-    choose, finish = make_finish(REALS["float64" if rgba.dtype is wp.vec4d else "float32"])
-    share = not shadows.alone
-    shown = wp.ones((height, width), dtype=wp.uint8, device=device)
-    every = items(width, device)
-    if share:
-        launch(choose, height * every, [rgba, shown, every], device)
-    light, slices, samples, count = sweep_lights(frame, halves, struct, shown)
-    launch(finish, height * every, [light, slices, shown, share, rgba, every], device)
-    return Shaded(shadows, count, samples)
-
-
-def sweep_lights(
-    frame: Frame, halves: Halves, struct: Any, shown: wp.array
-) -> tuple[wp.array, wp.array, wp.array, int]:
-    """Run the sweeps of all lights.
-
-    Parameters
-    ----------
-    struct
-        The scene's, for kernels of the ``halves``; the box of what its view sees is what there is to see.
-    shown
-        (height, width) of uint8: the pixels that are asked for.
-
-    Returns
-    -------
-    result, rgba
-        (height, width) of vec3d and vec4d: colour in the light of all lights or, where the image is one of rays, the
-        share of emission that light reaches; and the composite of the slices without shadows.
-    samples
-        Of each ray.
-    slices
-        Of all sweeps.
-    """
     scene, device, keep = frame.scene, frame.device, frame.keep
     shadows = scene.shadows
     assert shadows is not None
-    height, width = shown.shape
-    advance, rays = make_advance(halves)
-    every = items(width, device)
-    result = keep.scratch("share", (height, width), wp.vec3d)
-    eye = Eye()
-    eye.shown = shown
-    eye.samples = wp.zeros((height, width), dtype=int, device=device)
-    eye.rgba = keep.scratch("composite", (height, width), wp.vec4d)
-    eye.lit = keep.scratch("lit", (height, width), wp.vec3d)
+    halves = frame.halves(REALS[precision], Half(bool(shadows.preintegrated), shadows.received == "traced"))
+    # Samples of slices are points: clips leave them or not, and light is that of points.
+    cuts = replace(halves.cuts, clipped=False, naive=bool(scene.clips), parts=None)
+    halves = replace(halves, cuts=cuts, light=halves.light and replace(halves.light, mode="point"))
+    struct, _ = frame.struct(halves, Sweeping(shadows, precision))
+    size, every = (height, width), items(width, device)
+    choose, gather = make_shares(REALS["float64" if rgba.dtype is wp.vec4d else "float32"])
+    eye, turn = Eye(), Turn()
+    turn.share = not shadows.alone
+    if turn.share:
+        eye.shown = wp.empty(size, dtype=wp.uint8, device=device)
+        launch(choose, height * every, [rgba, eye.shown, every], device)
+    else:
+        eye.shown = wp.ones(size, dtype=wp.uint8, device=device)
+    eye.samples = wp.zeros(size, dtype=int, device=device)
+    eye.rgba = keep.scratch("composite", size, wp.vec4d)
+    eye.lit = keep.scratch("lit", size, wp.vec3d)
     octants = keep(Octants(scene.kinds(True))) if lanes_of(halves) is not None else None
     if octants is not None:
         eye.octants = octants
+    lights = shadows.lights
+    sums = keep.scratch("share", size if len(lights) > 1 else (1, 1), wp.vec3d)
     slices = 0
-    for number, light in enumerate(in_turn(shadows.lights)):
-        struct.march, shape, variance = place(scene.volume, frame.camera, shadows, light, struct.view)
-        for first, count, lead, stack in travel(halves, struct, shape, variance, octants, keep):
-            struct.march.lead = lead
-            inputs = [struct, first, count, first == 0, stack, eye]
-            launch_pixels(advance, inputs, device, struct.view, rays)
-        inputs = [eye, wp.vec3d(*light.color), not shadows.alone, number == 0, result, every]
-        launch(gather, height * every, inputs, device)
-        slices += struct.march.slices
-    return result, eye.rgba, eye.samples, slices
+    for number, light in enumerate(in_turn(lights)):
+        slices += sweep_light(frame, halves, struct, light, eye, octants)
+        turn.color, turn.first, turn.last = wp.vec3d(*light.color), number == 0, number == len(lights) - 1
+        launch(gather, height * every, [eye, turn, sums, rgba, every], device)
+    return Shaded(shadows, slices, eye.samples)
+
+
+def sweep_light(frame: Frame, halves: Halves, struct: Any, light: Light, eye: Any, octants: wp.array | None) -> int:
+    """Sweep one light, with the eye's rays behind it; the number of slices. ``struct`` is the scene's, for kernels of
+    the ``halves``; the box of what its view sees is what there is to see.
+    """
+    shadows = frame.scene.shadows
+    assert shadows is not None
+    advance, rays = make_advance(halves)
+    struct.march, shape, variance = place(frame.scene.volume, frame.camera, shadows, light, struct.view)
+    for first, count, lead, stack in travel(halves, struct, shape, variance, octants, frame.keep):
+        struct.march.lead = lead
+        inputs = [struct, first, count, first == 0, stack, eye]
+        launch_pixels(advance, inputs, frame.device, struct.view, rays)
+    return int(struct.march.slices)
 
 
 def travel(
@@ -214,7 +194,7 @@ def travel(
             parts = min(int(np.ceil(q / LARGEST_STEP)) or 1, MOST_STEPS)
             for part in range(parts):
                 slot = lead + slab + 1 - first if part == parts - 1 else -1
-                steps.append((slab, real(min(q / parts, LARGEST_STEP)), source, slot))
+                steps.append((slab, min(q / parts, LARGEST_STEP), source, slot))
                 source = 1 - source
         launch_in_turn(step, rows * shade.items, steps, [scenes, shade, state], device)
         yield first, count, lead, stack
