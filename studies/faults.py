@@ -1,6 +1,7 @@
 """Deliberate faults: mistakes put into a copy of the code, one at a time, each of which a named test must catch.
 
-A test of a proof is worth what it would catch. Each fault is a line of a file and what stands in its place.
+A test of a proof is worth what it would catch. Each fault is a line of a file and what stands in its place; where the
+same is written twice, for one ray and for many, in both: that the two agree is another test.
 """
 
 from __future__ import annotations
@@ -30,11 +31,13 @@ class Fault:
     right: str
     wrong: str
     test: str
+    twins: tuple[tuple[str, str, str], ...] = ()  # files, and what is right and wrong there
 
 
 SERIES = "kernels/integrators/series.py"
 PROOF = "tests/integrators/test_proof.py"
 TRUTH = "tests/test_truth_bounds.py"
+SINGLE = "tests/integrators/test_single.py"
 SIMPLER = "tests/transfer/test_simplify.py"
 FAULTS = (
     Fault(
@@ -101,6 +104,24 @@ FAULTS = (
         f"{TRUTH}::test_rays_along_which_the_scalar_is_at_a_jump",
     ),
     Fault(
+        "a cell in single precision a third as wrong as it is",
+        "kernels/integrators/packet.py",
+        "e = 1.00001f * (bright",
+        "e = 0.33f * (bright",
+        f"{SINGLE}::test_random_scenes_are_within_their_bounds",
+        tuple(
+            (f"kernels/integrators/{name}.py", "result.e = real(1.00001)", "result.e = real(0.33)")
+            for name in ("rowed", "single")
+        ),
+    ),
+    Fault(
+        "a cell that is cut a fifth as wrong as it is",
+        "kernels/integrators/crossings.py",
+        "e = 1.00001f * (linear",
+        "e = 0.2f * (linear",
+        f"{SINGLE}::test_cut_cells_are_within_their_bounds",
+    ),
+    Fault(
         "rounding of the image left out of the budget",
         "wvr/integrators/certified.py",
         "float(np.finfo(self.shown(scene)).eps) / 2)",
@@ -136,15 +157,18 @@ def fails(test: str, folder: Path) -> bool:
 
 def caught(fault: Fault, folder: Path) -> bool:
     """Whether its test fails in a copy of the code in ``folder`` that has it."""
-    path = folder / fault.file
-    text = path.read_text()
-    if text.count(fault.right) != 1:
-        raise AssertionError(f"{fault.what}: {fault.file} must have once {fault.right!r}")
-    path.write_text(text.replace(fault.right, fault.wrong))
+    before = {}
+    for name, right, wrong in ((fault.file, fault.right, fault.wrong), *fault.twins):
+        path = folder / name
+        text = before[path] = path.read_text()
+        if text.count(right) != 1:
+            raise AssertionError(f"{fault.what}: {name} must have once {right!r}")
+        path.write_text(text.replace(right, wrong))
     try:
         return fails(fault.test, folder)
     finally:
-        path.write_text(text)
+        for path, text in before.items():
+            path.write_text(text)
 
 
 @STUDY.part("Deliberate faults")
