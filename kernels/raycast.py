@@ -332,10 +332,10 @@ def make_raycasts(halves):
             some = some or lines[r, 7] > lines[r, 6]
         if some:
             march(scene, lines, results)
+        # Cancelled meanwhile or not: their pixels are where they were.
+        x, y = place(scene.view, first)
         for r in range(last):
             if going[r] != 0:
-                # Cancelled meanwhile or not: its pixel is where it was.
-                x, y = place(scene.view, first + r)
                 ray = wp.vec4d()
                 bound = wp.float64(0.0)
                 if lines[r, 7] > lines[r, 6]:
@@ -343,7 +343,7 @@ def make_raycasts(halves):
                     bound = results[r, 5]
                     if wp.static(halves.brick):
                         ray, bound = leave(scene, ray, bound, lines[r, 7] - lines[r, 6], lines[r, 8])
-                put(x, y, rgba, samples, bounds, ray, int(results[r, 4]), wp.min(bound + offs[r], cap))
+                put(x + r, y, rgba, samples, bounds, ray, int(results[r, 4]), wp.min(bound + offs[r], cap))
 
     return raycasts
 

@@ -173,30 +173,45 @@ const auto* __restrict data = field.data.data;
 const int64_t nx = field.data.shape[2], nxy = nx * field.data.shape[1];
 const int n = which.data[0];
 for (int j = 0; j < n; j += 8) {
-    alignas(64) double c[8][8], line[6][8], start[8], stop[8];
+    STORE
+    alignas(64) double start[8], stop[8];
+    vd r[8], line[6];
     alignas(64) int64_t place[8];
     for (int l = 0; l < 8; ++l) {
         const int* of = which.data + (j + l < n ? j + l + 1 : n);
         const int i = of[0], ray = of[which.shape[1]];
         const uint64_t q = cells.data[i];
-        const auto* a = data + (int64_t)(q >> 42) * nxy + (int64_t)((q >> 21) & 0x1fffff) * nx
+        const auto* c = data + (int64_t)(q >> 42) * nxy + (int64_t)((q >> 21) & 0x1fffff) * nx
             + (int64_t)(q & 0x1fffff);
-        for (int m = 0; m < 8; ++m) c[m][l] = double(a[(m >> 2) * nxy + ((m >> 1) & 1) * nx + (m & 1)]) SHIFTED;
-        for (int m = 0; m < 6; ++m) line[m][l] = lines.data[lines.shape[1] * ray + m];
+LOAD
+        r[l] = *(const vd*)(lines.data + lines.shape[1] * ray);
         place[l] = (int64_t)q;
         start[l] = times.data[i];
         stop[l] = times.data[times.shape[1] + i];
     }
+    // Rays' numbers by what they are.
+#define OF_TWO(i, a) __builtin_shufflevector(r[i], r[i + 1], a, a + 8, a + 2, a + 10, a + 4, a + 12, a + 6, a + 14)
+#define FIRST4(a, b) __builtin_shufflevector(a, b, 0, 1, 8, 9, 4, 5, 12, 13)
+#define LAST4(a, b) __builtin_shufflevector(a, b, 2, 3, 10, 11, 6, 7, 14, 15)
+    for (int odd = 0; odd < 2; ++odd) {
+        vd two[4];
+        for (int i = 0; i < 4; ++i) two[i] = odd ? OF_TWO(2 * i, 1) : OF_TWO(2 * i, 0);
+        const vd a = FIRST4(two[0], two[1]), b = FIRST4(two[2], two[3]);
+        line[odd] = __builtin_shufflevector(a, b, 0, 1, 2, 3, 8, 9, 10, 11);
+        line[4 + odd] = __builtin_shufflevector(a, b, 4, 5, 6, 7, 12, 13, 14, 15);
+        line[2 + odd] = __builtin_shufflevector(
+            LAST4(two[0], two[1]), LAST4(two[2], two[3]), 0, 1, 2, 3, 8, 9, 10, 11);
+    }
+CORNERS
 #define OF(a) (*(const vd*)a)
-    const vd h = 0.5 * (OF(stop) - OF(start)), t = OF(start) + h, d0 = OF(line[3]), d1 = OF(line[4]), d2 = OF(line[5]);
+    const vd h = 0.5 * (OF(stop) - OF(start)), t = OF(start) + h, d0 = line[3], d1 = line[4], d2 = line[5];
     const vq q = *(const vq*)place;
-#define PLACE(a, shift) (OF(line[a]) + t * d##a - __builtin_convertvector((q >> shift) & 0x1fffff, vd))
-#define CORNER(i) OF(c[i])
+#define PLACE(a, shift) (line[a] + t * d##a - __builtin_convertvector((q >> shift) & 0x1fffff, vd))
     const vd x = PLACE(0, 0), y = PLACE(1, 21), z = PLACE(2, 42);
-    const vd x00 = CORNER(1) - CORNER(0), x10 = CORNER(3) - CORNER(2);
-    const vd x01 = CORNER(5) - CORNER(4), x11 = CORNER(7) - CORNER(6);
-    const vd v00 = CORNER(0) + x * x00, v01 = CORNER(4) + x * x01;
-    const vd y0 = CORNER(2) + x * x10 - v00, y1 = CORNER(6) + x * x11 - v01;
+    const vd x00 = corner[1] - corner[0], x10 = corner[3] - corner[2];
+    const vd x01 = corner[5] - corner[4], x11 = corner[7] - corner[6];
+    const vd v00 = corner[0] + x * x00, v01 = corner[4] + x * x01;
+    const vd y0 = corner[2] + x * x10 - v00, y1 = corner[6] + x * x11 - v01;
     const vd v0 = v00 + y * y0, dz = v01 + y * y1 - v0, xy0 = x10 - x00, xyz = x11 - x01 - xy0;
     const vd xz = x01 - x00 + y * xyz, yz = y1 - y0;
     const vd dx = x00 + y * xy0 + z * xz, dy = y0 + z * yz, xy = xy0 + z * xyz;
@@ -207,11 +222,43 @@ for (int j = 0; j < n; j += 8) {
     *(vd*)(to + 2 * room) = h * h * (d0 * (d1 * xy + d2 * xz) + d1 * (d2 * yz));
     *(vd*)(to + 3 * room) = h * h * h * (d0 * d1 * d2 * xyz);
     *(vd*)(to + 4 * room) = h;
-    vd low = CORNER(0), high = low;
-    for (int m = 1; m < 8; ++m) low = MIN(low, CORNER(m)), high = MAX(high, CORNER(m));
+    vd low = corner[0], high = low;
+    for (int m = 1; m < 8; ++m) low = MIN(low, corner[m]), high = MAX(high, corner[m]);
     *(vd*)(to + 5 * room) = high > low ? ulps[0] * MAX(high, -low) + ulps[1] * (high - low) + TINY : (vd){};
 }
 """
+# Corners as numbers of their own, of integers in pairs.
+CENTERED_OF = {
+    "STORE": "alignas(64) double stored[8][8];",
+    "LOAD": """
+        for (int m = 0; m < 8; ++m)
+            stored[m][l] = double(c[(m >> 2) * nxy + ((m >> 1) & 1) * nx + (m & 1)]) SHIFTED;
+""",
+    "CORNERS": """
+    vd corner[8];
+    for (int m = 0; m < 8; ++m) corner[m] = *(const vd*)stored[m];
+""",
+}
+CENTERED_OF_PAIRS = {
+    "STORE": "alignas(32) int pair[4][8];",
+    "LOAD": INTEGER["LOAD"],
+    "CORNERS": """
+    vd corner[8];
+    for (int m = 0; m < 4; ++m) {
+        corner[2 * m] = __builtin_convertvector(LOWER((*(const v8i*)pair[m])), vd);
+        corner[2 * m + 1] = __builtin_convertvector(UPPER((*(const v8i*)pair[m])), vd);
+    }
+""",
+}
+
+
+def paired(dtype, text):
+    """A text that reads pairs of samples, where they are integers."""
+    if dtype not in PAIRS:
+        return text
+    kind, lower, upper = PAIRS[dtype]
+    text = text.replace("PAIR", kind)
+    return f"#define LOWER(a) {lower.format('(a)')}\n#define UPPER(a) {upper.format('(a)')}\n{text}"
 
 
 @cache
@@ -223,9 +270,12 @@ def make_centered(dtype):
     Rows of ``cubic`` (6, a multiple of eight) are the four coefficients, half the length and what the scalar is off by.
     """
     Field = make_samples(dtype)
-    shifted = "- field.shift" if dtype in (wp.float16, wp.float32, wp.float64) else ""
+    text = CENTERED.replace("TINY", repr(TINY))
+    for name, code in (CENTERED_OF_PAIRS if dtype in PAIRS else CENTERED_OF).items():
+        text = text.replace(name, code)
+    text = text.replace("SHIFTED", "- field.shift" if dtype in (wp.float16, wp.float32, wp.float64) else "")
 
-    @wp.func_native(VECTORS + CENTERED.replace("SHIFTED", shifted).replace("TINY", repr(TINY)))
+    @wp.func_native(VECTORS + paired(dtype, text))
     def centered(
         field: Field,
         lines: wp.array2d(dtype=wp.float64),
@@ -295,10 +345,7 @@ def make_cubics(dtype, count):
     text = CUBICS.replace("ROUNDED", "" if integer else "+ coarse + MIN(wide * 0x1p29f, zero + TINY)")
     for name, code in (INTEGER if integer else SINGLE if dtype is wp.float32 else FLOATING).items():
         text = text.replace(name, code)
-    if integer:
-        kind, lower, upper = PAIRS[dtype]
-        text = text.replace("PAIR", kind)
-        text = f"#define LOWER(a) {lower.format('(a)')}\n#define UPPER(a) {upper.format('(a)')}\n{text}"
+    text = paired(dtype, text)
     for name, value in {
         "FIELD_ULPS": f"{FIELD_ULPS!r}f",
         "CORNER_ULPS": f"{CORNER_ULPS!r}f",

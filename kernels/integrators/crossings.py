@@ -69,6 +69,7 @@ const int n = some[0];
 const double* of = cubic.data;
 // Of those that rise or fall all the way and begin and end in the intervals of their bins, these; else -1.
 alignas(32) int in[2][JOBS];
+alignas(64) double tips[2][JOBS];
 for (int j = 0; j < n; j += 8) {
 #define ROW(i) (*(const vd*)(of + i * JOBS + j))
     const vd m0 = ROW(0), m1 = ROW(1), m2 = ROW(2), m3 = ROW(3), ends[2] = {m0 - m1 + m2 - m3, m0 + m1 + m2 + m3};
@@ -90,7 +91,10 @@ for (int j = 0; j < n; j += 8) {
         sure &= ((ends[e] >= *(const vd*)from) | __builtin_convertvector(k[e] == 0, vq))
             & ((ends[e] < *(const vd*)to) | __builtin_convertvector(k[e] == outer, vq));
     }
-    for (int e = 0; e < 2; ++e) *(v8i*)(in[e] + j) = k[e] | ~__builtin_convertvector(sure, v8i);
+    for (int e = 0; e < 2; ++e) {
+        *(v8i*)(in[e] + j) = k[e] | ~__builtin_convertvector(sure, v8i);
+        *(vd*)(tips[e] + j) = ends[e];
+    }
 }
 for (int j = 0; j < n; ++j) {
     const double m0 = of[j], m1 = of[JOBS + j], m2 = of[2 * JOBS + j], m3 = of[3 * JOBS + j], half = of[4 * JOBS + j];
@@ -114,36 +118,53 @@ for (int j = 0; j < n; ++j) {
     turn[turns] = 1.0;
     double from = -1.0;
     for (int i = 0; i <= turns; ++i) {
-        const double v = 0.5 * (from + turn[i]), w = 0.5 * (turn[i] - from), bend = m2 + 3.0 * v * m3;
-        from = turn[i];
         Part& p = parts[number];
-        p.m0 = m0 + v * (m1 + v * (m2 + v * m3));
-        p.m1 = w * (m1 + v * (m2 + bend));
-        p.m2 = w * w * bend;
-        p.m3 = w * w * w * m3;
-        p.h = w * half;
-        p.mid = (float)v;
-        p.wide = (float)w;
-        p.begin = p.m0 - p.m1 + p.m2 - p.m3;
-        p.end = p.m0 + p.m1 + p.m2 + p.m3;
+        double w = 1.0;
+        if (simple) {
+            p.m0 = m0;
+            p.m1 = m1;
+            p.m2 = m2;
+            p.m3 = m3;
+            p.h = half;
+            p.mid = 0.0f;
+            p.wide = 1.0f;
+            p.begin = tips[0][j];
+            p.end = tips[1][j];
+        } else {
+            const double v = 0.5 * (from + turn[i]), bend = m2 + 3.0 * v * m3;
+            w = 0.5 * (turn[i] - from);
+            from = turn[i];
+            p.m0 = m0 + v * (m1 + v * (m2 + v * m3));
+            p.m1 = w * (m1 + v * (m2 + bend));
+            p.m2 = w * w * bend;
+            p.m3 = w * w * w * m3;
+            p.h = w * half;
+            p.mid = (float)v;
+            p.wide = (float)w;
+            p.begin = p.m0 - p.m1 + p.m2 - p.m3;
+            p.end = p.m0 + p.m1 + p.m2 + p.m3;
+        }
         p.job = j;
         // From the interval before the first with something to see, which it leaves where that begins, to the last.
         const int a = simple ? in[0][j] : interval(p.begin), b = simple ? in[1][j] : interval(p.end);
         const int s = p.end > p.begin ? 1 : -1;
+        const int least = seen[MIN(a, b)], most = MAX(a, b);
         int first = a, last = b;
-        while (s * (b - first) >= 0 && seen[first] != first) first += s;
         // Whether an interval with nothing to see is to be visited: what rounding takes beyond it counts, if it can.
         auto missed = [&](int k) -> bool {
             const float slope = table[16 * k + 11];
             if (blur > 0.0f && slope < __builtin_inff()) unseen[j] += 2.0f * bright * (float)(w * half) * blur * slope;
             return blur > 0.0f && !(slope < __builtin_inff());
         };
-        if (s * (b - first) < 0) {
+        if (least > most) {
             const bool before = missed(a), behind = missed(b);
             if (!before && !behind) continue;
             first = last = before ? a : b;
         } else {
-            while (seen[last] != last) last -= s;
+            int highest = most;
+            while (seen[highest] != highest) --highest;
+            first = s > 0 ? least : highest;
+            last = s > 0 ? highest : least;
             first = first == a ? a : first - s;
             if (first != a && missed(a)) first = a;
             if (last != b && missed(b)) last = b;
@@ -315,26 +336,26 @@ while (busy) {
 }
 // The parts of a cell one behind the other.
 int total = 0;
-for (int j = 0; j < n; ++j) {
-    const int cell = some[1 + j];
+for (int j = 0, i = 0; j < n; ++j) {
+    const int cell = some[1 + j], ray = rays[1 + j];
+    float x = 0.0f, A = 0.0f, color[3] = {}, e = unseen[j], count = 0.0f;
+    bool left = false;
+    for (; i < number && parts[i].job == j; ++i) {
+        const Part& p = parts[i];
+        const float T = 1.0f - A;
+        x += p.x;
+        A += T * p.A;
+        for (int c = 0; c < 3; ++c) color[c] += T * p.color[c];
+        e += T * p.e;
+        count += MAX(p.pieces, 0.0f);
+        left |= p.pieces < 0.0f;
+    }
     float* to = found.data + cell;
-    for (int i = 0; i < 6; ++i) to[i * wide] = i == 4 ? unseen[j] : 0.0f;
+    const float all[6] = {x, A, color[0], color[1], e, color[2]};
+    for (int i = 0; i < 6; ++i) to[i * wide] = all[i];
     *(row.data + cell) = -1;
-}
-for (int i = 0; i < number; ++i) {
-    const Part& p = parts[i];
-    const int cell = some[1 + p.job], ray = rays[1 + p.job];
-    float* to = found.data + cell;
-    const float T = 1.0f - to[wide];
-    to[0] += p.x;
-    to[wide] += T * p.A;
-    to[2 * wide] += T * p.color[0];
-    to[3 * wide] += T * p.color[1];
-    to[4 * wide] += T * p.e;
-    to[5 * wide] += T * p.color[2];
-    if (p.pieces > 0.0f) *(pieces.data + ray) += (int)p.pieces;
-    // What is left to others, each once.
-    if (p.pieces < 0.0f && (total == 0 || some[total] != cell)) {
+    *(pieces.data + ray) += (int)count;
+    if (left) {
         some[++total] = cell;
         rays[total] = ray;
     }
