@@ -105,7 +105,7 @@ def test_samples_close_to_a_jump_beside_large_ones(name, at, dtype):
 
 
 @pytest.mark.parametrize("name", INTEGRATORS)
-@pytest.mark.parametrize("gap", [1e-45, 1e-38, 1e-30, 1e-300, 5e-324])
+@pytest.mark.parametrize("gap", [1e-45, 1e-38, 1e-30, 1e-130, 1e-300, 5e-324])
 @pytest.mark.parametrize("kind", ["steps", "zeros", "smooth"])
 def test_control_points_at_almost_one_scalar(name, gap, kind):
     samples = {"steps": RAMP // 3, "zeros": 0 * RAMP, "smooth": RAMP / 4}[kind].astype(np.float32)
@@ -187,6 +187,31 @@ def test_spacings_that_differ(name, spacing):
         return
     tf = wvr.TransferFunction([(0, "red", 0), (4, "white", 0.5)])
     render(volume, tf, INTEGRATORS[name])
+
+
+@pytest.mark.filterwarnings("ignore:the volume.s scalars")
+@pytest.mark.parametrize("spacing", [(1, 1, 1e30), (1e-20, 1, 1e20), (1e30, 1e-30, 1e-30)])
+@pytest.mark.parametrize("scale", [1e-290, 1e-125, 1])
+def test_samples_that_underflow_along_a_long_cell(spacing, scale):
+    """What is off by 5e-324 in a coefficient counts by cubes of a ray's length in the cell: noise about a jump."""
+    spacing, rng = np.array(spacing), np.random.default_rng(5)
+    volume = wvr.Volume((rng.random((6, 6, 6)) - 0.5) * scale, spacing)
+    tf = wvr.TransferFunction([(-1, "red", 0), (0, "red", 0), (0, "lime", 0.6), (1, "white", 0.6)], spacing.max())
+    middle = 2.5 * spacing
+    camera = wvr.Camera(middle + 10 * rng.normal(size=3) * spacing, middle, (1, 2, 3), parallel_scale=spacing.min())
+    image = wvr.render(volume, tf, camera, (3, 2), tolerance=1e-2)
+    for x, y in np.ndindex(3, 2):
+        truth = wvr.enclose(volume, tf, camera, x, y, (3, 2))
+        off = max((truth.lower - image.rgba[y, x]).max(), (image.rgba[y, x] - truth.upper).max())
+        assert off <= image.error_bound[y, x]
+
+
+@pytest.mark.parametrize("spacing", [(1, 1, 1e62), (1e45, 1e-45, 1e45)])
+def test_cells_that_are_too_long(spacing):
+    with pytest.raises(ValueError, match=r"spacing must have cells .* none more than 1e\+60 times as long as another"):
+        wvr.Volume(RAMP, spacing=spacing)
+    with pytest.raises(ValueError, match="with the direction"):
+        wvr.Volume(RAMP, direction=np.diag(spacing))
 
 
 @pytest.mark.parametrize("scale, edge", [(1e-14, 1e-4), (1e-16, 1e-2), (1e-17, 0.05)])

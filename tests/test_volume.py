@@ -163,3 +163,21 @@ def test_dtype_and_size_are_known_without_a_copy(monkeypatch):
     volume._data = wp.array(volume.numpy(), dtype=wp.int16, device="cpu")
     monkeypatch.setattr(wvr.Volume, "host", None)
     assert (volume.dtype, volume.nbytes) == expected == (np.int16, 48)
+
+
+def test_where_it_is_stays():
+    """What was made of it is kept: an assignment would be without effect, and nobody told."""
+    tf = wvr.TransferFunction([(0, "red", 0), (1, "white", 0.5)])
+    volume, stored = wvr.Volume(np.zeros((3, 3, 3))), wvr.open(np.zeros((3, 3, 3)))
+    labels = wvr.Segmentation(np.zeros((3, 3, 3), np.uint8), {0: tf})
+    names = {volume: "spacing", stored: "origin", tf: "opacities", labels: "other"}
+    for one, name in names.items():
+        with pytest.raises(AttributeError, match=f"{name} of a {type(one).__name__} stays as it is"):
+            setattr(one, name, getattr(one, name))
+    with pytest.raises(TypeError):
+        labels.transfer_functions[0] = tf
+    for array in (volume.spacing, volume.index_to_world, stored.direction, tf.knots):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 2
+    for one in (volume, tf, labels):
+        pickle.loads(pickle.dumps(one))

@@ -13,6 +13,7 @@ import json
 import os
 from collections.abc import Iterable
 from functools import cached_property
+from itertools import zip_longest
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -21,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from .color import doubt_bytes, linear_rgb
 from .colormaps import Colors, Opacity, check_opacity, entries, opacities, sampled
 from .files import known_suffix, read_text, write_text
+from .pose import Fixed
 from .preset_points import PresetName, preset_points
 from .validation import check_domain, finite_array, flag, float_array, path_of, positive, real
 
@@ -37,7 +39,7 @@ VERSION = 1
 MATERIALS = ("ambient", "diffuse", "specular")
 
 
-class TransferFunction:
+class TransferFunction(Fixed):
     """Colour and extinction of a scalar, piecewise linear. Immutable; equal when all that defines it is equal.
 
     Parameters
@@ -75,6 +77,7 @@ class TransferFunction:
     0.6931471805599453
     """
 
+    fixed = ("knots", "colors", "opacities", "unit_distance", *MATERIALS)
     knots: Floats
     colors: Floats
     opacities: Floats
@@ -269,13 +272,11 @@ class TransferFunction:
         check_opacity(self.opacities)
         named = unit_distance is None or (isinstance(unit_distance, str) and unit_distance == "pyvista")
         self.unit_distance = unit_distance if named else positive(unit_distance, "unit_distance")
-        self.ambient = self.diffuse = self.specular = None
-        for name, values in zip(MATERIALS, materials, strict=False):
-            if values is not None:
-                coefficients = finite_array(values, name, (n,))
-                if np.any(coefficients < 0):
-                    raise ValueError(f"{name} must be >= 0, got {coefficients.min():g}")
-                setattr(self, name, coefficients)
+        for name, values in zip_longest(MATERIALS, materials):
+            coefficients = None if values is None else finite_array(values, name, (n,))
+            if coefficients is not None and np.any(coefficients < 0):
+                raise ValueError(f"{name} must be >= 0, got {coefficients.min():g}")
+            setattr(self, name, coefficients)
 
     def knot_extinctions(self, smallest_spacing: float = 1.0) -> Floats:
         """Extinction [1/world length] at the control points, (n,).

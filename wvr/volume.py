@@ -27,18 +27,17 @@ from .keep import Keeper
 from .kernels.field.grid import Grid
 from .launch import get_device
 from .memory import free_host_memory, gib
+from .pose import Fixed, pose_of
 from .samples import DTYPES, NanPolicy, times_power
-from .validation import any_array, choice, finite_vector, outside
+from .validation import any_array, choice, outside
 
 if TYPE_CHECKING:
     import pyvista as pv
 
 Axes = Literal["zyx", "xyz"]
-# Lengths in the world, and one over them, whose squares and products are numbers.
-FARTHEST = 1e100
 
 
-class Volume(Field):
+class Volume(Fixed, Field):
     """Scalar samples ``array[z, y, x]`` and their place in the world.
 
     The world position of sample ``(i, j, k)`` along x, y, z is ``origin + direction @ (spacing * (i, j, k))``.
@@ -69,7 +68,7 @@ class Volume(Field):
         datasets, bool and wide integers).
     ValueError
         For a wrong rank, an empty array, non-finite samples (with ``nan="error"``), spacing <= 0, lengths beyond
-        1e100, or a singular direction.
+        1e100, cells whose edges differ by more than 1e60 times, or a singular direction.
 
     Examples
     --------
@@ -78,6 +77,7 @@ class Volume(Field):
     Volume(x=4, y=3, z=2, uint8, spacing=(1.0, 1.0, 2.5))
     """
 
+    fixed = ("spacing", "origin", "direction")
     #: How often samples changed.
     version: int
     #: Where world x, y, z run in a patient, as the file says: ``"LPS"`` (towards left, back, head: DICOM, some NRRD),
@@ -137,6 +137,7 @@ class Volume(Field):
         matrix = np.eye(4)
         matrix[:3, :3] = self.direction * self.spacing
         matrix[:3, 3] = self.origin
+        matrix.flags.writeable = False
         return matrix
 
     @cached_property
@@ -376,33 +377,6 @@ def _writable(array: NDArray) -> bool:
             return False
         array = array.base
     return True
-
-
-def pose_of(
-    spacing: ArrayLike, origin: ArrayLike, direction: ArrayLike | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Spacing, origin and direction of a grid, as numbers that images can be made with."""
-    steps = finite_vector(spacing, "spacing", "lengths > 0 along x, y, z")
-    if np.any(steps <= 0):
-        raise ValueError(f"spacing must be > 0 along x, y and z, got {tuple(steps.tolist())}")
-    if steps.min() < 1 / FARTHEST or steps.max() > FARTHEST:
-        raise ValueError(f"spacing must be from {1 / FARTHEST:g} to {FARTHEST:g}, got {tuple(steps.tolist())}")
-    first = finite_vector(origin, "origin", "the position of sample (0, 0, 0)")
-    if np.abs(first).max() > FARTHEST:
-        raise ValueError(f"origin must be within {FARTHEST:g}, got {tuple(first.tolist())}")
-    return steps, first, direction_of(np.eye(3) if direction is None else direction)
-
-
-def direction_of(matrix: ArrayLike) -> NDArray[np.float64]:
-    try:
-        direction = np.array(matrix, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        direction = np.empty(0)
-    if direction.shape != (3, 3) or not np.all(np.isfinite(direction)):
-        raise ValueError(f"direction must be a finite 3 x 3 matrix, got {matrix!r}")
-    if abs(np.linalg.det(direction)) <= 1e-9 * np.prod(np.linalg.norm(direction, axis=0)):
-        raise ValueError(f"direction must not be singular, got {direction.tolist()}")
-    return direction
 
 
 def _as_data(array: Any, axes: Axes) -> tuple[Any, bool]:

@@ -9,7 +9,7 @@ from functools import cache
 import warp as wp
 
 from ..field.blocks import BITS
-from ..field.cell import SHORT, cubic, length_within, make_corners, rise, vec8d
+from ..field.cell import DENORMAL, SHORT, cubic, length_within, make_corners, rise, vec8d
 from ..field.samples import make_value
 from ..field.walk import ahead, cell_at, make_walk
 from ..ray import FAR, inside, inverted, near_faces
@@ -53,7 +53,8 @@ def blurred(span: wp.float64, size: wp.float64, astray: wp.float64):
     """What a field along a ray may be off by where samples are in a ``span`` and up to a ``size``, and the ray is
     astray by so much in the field's index coordinates (docs/proof.md, lemma 11).
     """
-    return span * (wp.float64(3.0) * astray + wp.float64(wp.static(2.0**-45))) + size * wp.float64(wp.static(2.0**-49))
+    off = span * (wp.float64(3.0) * astray + wp.float64(wp.static(2.0**-45))) + size * wp.float64(wp.static(2.0**-49))
+    return off + DENORMAL
 
 
 @cache

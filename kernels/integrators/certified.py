@@ -15,6 +15,7 @@ from functools import cache
 import warp as wp
 
 from ..field.absent import exact
+from ..field.cell import DENORMAL
 from ..field.walk import PACKET, lanes, make_gather, make_walk
 from ..light.points import make_shading
 from ..ray import FAR, inside
@@ -24,7 +25,7 @@ from .cubics import from_start, make_cubics
 from .lone import make_lone
 from .packed import RAYS, SCRATCH, make_packed, make_rays
 from .pieces import VALUE, make_jumps, make_pieces
-from .series import DENORMAL, make_series
+from .series import make_series
 from .shone import Cubic, make_shone
 
 
@@ -252,7 +253,7 @@ def make_certified(halves):
                         low, high = extent(scene.field, cell[0, l], cell[1, l], cell[2, l])
                         uniform = low == high
                         size = wp.where(high > -low, high, -low)
-                        blur[l] = scene.march.ulps[0] * size + ulps * (high - low) + real(DENORMAL)
+                        blur[l] = scene.march.ulps[0] * size + ulps * (high - low) + DENORMAL
                 if q < 0:
                     wide = R[l]
                     if wp.static(sharp):

@@ -11,6 +11,7 @@ import warp as wp
 
 from ..field.abreast import LANES as ABREAST
 from ..field.abreast import make_abreast
+from ..field.cell import DENORMAL
 from ..field.cubics import make_placed
 from ..field.gradients import ROWS
 from ..field.strides import STATE, Rays, make_each
@@ -22,7 +23,6 @@ from .lit import CUT, JOBS, PLACES, Task, in_lanes
 from .lit import SCRATCH as LIT_SCRATCH
 from .packet import make_packet
 from .pieces import make_pieces
-from .series import DENORMAL
 from .shone import Cubic
 from .single import CELLS, LANES, make_single
 
@@ -85,7 +85,7 @@ def make_double(halves):
                 if scene.march.local or flat:
                     low, high = extent(scene.field, i, j, k)
                     size = wp.where(high > -low, high, -low)
-                    here.blur = scene.march.ulps[0] * size + real(DENORMAL)
+                    here.blur = scene.march.ulps[0] * size + DENORMAL
                     here.blur += (scene.march.ulps[1] + real(3.0) * scene.view.astray) * (high - low)
                     if low == high:
                         # Where all corners are equal nothing is rounded.

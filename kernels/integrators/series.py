@@ -21,8 +21,6 @@ import warp as wp
 THIN = 0.4
 # Rounding of extinction, in parts of the larger one at the ends of its interval (docs/proof.md, lemma 4).
 VALUE = 2.0**-50
-# And of a scalar, where that underflows.
-DENORMAL = 1e-300
 TRUNCATED = THIN**10 / factorial(10) / (1.0 - exp(-THIN))
 
 

@@ -126,6 +126,8 @@ def make_told(halves):
             else:
                 found.value *= sums.unit
                 found.bound = sums.unit * (off * found.length + sums.largest * found.loose)
+                # A unit of length may be so small that products with it underflow.
+                found.bound += wp.float64(wp.static(2.0**-1066))
             q = classify(sums.colors, found.value)
             found.rgba = wp.vec4d(q[0], q[1], q[2], wp.float64(1.0))
         else:

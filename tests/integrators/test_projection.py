@@ -1,6 +1,8 @@
 """Projections: against NumPy along the axes, against enclosures on any ray, and what theory says of them."""
 
 from dataclasses import replace
+from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -242,6 +244,22 @@ def test_magnitudes():
     outlier[3, 3, 3] = 1e20
     image = image_of(wvr.Volume(outlier), "min", camera)
     held(image, "min", scene_of(wvr.Volume(outlier), SPAN), camera, pixels((24, 20), 8))
+
+
+@pytest.mark.parametrize("what", WHAT)
+def test_samples_that_underflow_along_a_long_cell(what):
+    """Coefficients are off by 5e-324, and values by that times cubes of a ray's length in a cell."""
+    samples = np.random.default_rng(1).random((6, 3, 3))
+    for scale, unit, longer in ((1e-312, 1.0, 1e12), (1e-308, 1.0, 1e12), (1e-308, 1e-10, 1.0), (1e-320, 1e-30, 1e3)):
+        volume = wvr.Volume(scale * samples, spacing=(unit, unit, unit * longer))
+        middle = np.array([1, 1, 2.5]) * volume.spacing
+        camera = wvr.Camera(middle * [1, 1, 5], middle, up=(0, 1, 0), parallel_scale=0.4 * unit)
+        image = image_of(volume, what, camera, (1, 1))
+        along = [Fraction(float(s)) for s in scale * samples[:, 1, 1]]
+        total = sum((a + b) / 2 for a, b in pairwise(along))
+        length = Fraction(float(volume.spacing[2]))
+        truth = {"max": max(along), "min": min(along), "mean": total / 5, "sum": total * length}[what]
+        assert abs(Fraction(image.values[0, 0]) - truth) <= Fraction(image.error_bound[0, 0])
 
 
 def test_one_line():

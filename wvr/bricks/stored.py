@@ -17,9 +17,10 @@ from ..field.base import Field
 from ..keep import Keeper
 from ..kernels.field.grid import Grid
 from ..memory import free_host_memory, gib
+from ..pose import Fixed, pose_of
 from ..samples import DTYPES, NanPolicy, times_power
 from ..validation import choice
-from ..volume import Volume, pose_of
+from ..volume import Volume
 from .grid import Index
 from .ranges import BlockRanges
 
@@ -107,7 +108,7 @@ class Samples:
         return np.ascontiguousarray(part, self.dtype)
 
 
-class StoredVolume(Field):
+class StoredVolume(Fixed, Field):
     """Scalar samples in a store and their place in the world: what :func:`wvr.open` returns.
 
     It is rendered in bricks, one for each block of its chunks, those that are seen, read while others are rendered.
@@ -129,6 +130,7 @@ class StoredVolume(Field):
     """
 
     stored = True
+    fixed = ("spacing", "origin", "direction")
     #: Files that were read as a whole.
     files: tuple[Path, ...] = ()
 
@@ -170,6 +172,7 @@ class StoredVolume(Field):
         matrix = np.eye(4)
         matrix[:3, :3] = self.direction * self.spacing
         matrix[:3, 3] = self.origin
+        matrix.flags.writeable = False
         return matrix
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from ..kernels.field.blocks import Blocks
 from ..kernels.transfer.function import make_transfer
 from ..kernels.transfer.lookup import make_table
 from ..launch import launch
+from ..pose import Fixed
 from ..suggest import label_colors
 from ..transfer.function import struct_of
 from ..transfer_function import TransferFunction
@@ -40,7 +42,7 @@ class Stated(NamedTuple):
     of_label: NDArray[np.unsignedinteger]  # the state of each label; one past the last is transparent
 
 
-class Segmentation:
+class Segmentation(Fixed):
     """A label for each sample of a volume, and what labels look like.
 
     Between samples the label at a point is the one with the largest trilinear weight, the sum of the weights of the
@@ -65,6 +67,8 @@ class Segmentation:
         For labels that are not three-dimensional, empty or out of range, a label that the dtype cannot hold, a label
         that is named without a transfer function, or none and no ``other``.
     """
+
+    fixed = ("labels", "other")
 
     def __init__(
         self,
@@ -96,7 +100,7 @@ class Segmentation:
                 raise TypeError(f"transfer_functions[{label}] must be a TransferFunction, got {tf!r}")
         if not transfer_functions and other is None:
             raise ValueError("transfer_functions must name a label, or other be given: nothing would be visible")
-        self.transfer_functions = {int(label): tf for label, tf in transfer_functions.items()}
+        self._functions = {int(label): tf for label, tf in transfer_functions.items()}
         self.other = other
 
     @classmethod
@@ -114,6 +118,11 @@ class Segmentation:
             for value, color in zip(values, label_colors(len(values)), strict=True)
         }
         return cls(volume, functions)
+
+    @property
+    def transfer_functions(self) -> Mapping[int, TransferFunction]:
+        """By label, to read: of others another segmentation is made."""
+        return MappingProxyType(self._functions)
 
     @property
     def states(self) -> Stated:

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from ..field.blocks import Octants
 from ..keep import Keeper
+from ..kernels.field.cell import DENORMAL
 from ..kernels.integrators.certified import Half
 from ..kernels.integrators.pieces import ACCURACY, NODES, VALUE
-from ..kernels.integrators.series import DENORMAL, TRUNCATED
+from ..kernels.integrators.series import TRUNCATED
 from ..transfer.function import transfer_values
 from ..transfer.nodes import nodes_array
 from ..transfer.rows import FittedRows
@@ -308,7 +309,7 @@ class Certified(Integrator):
 def blur(scene: Scene) -> float:
     """Rounding of a scalar along a ray in float64: of interpolating samples less the shift, and of places in a grid."""
     low, high = np.array(scene.volume.range) - scene.shift
-    return float(_ulps(scene) @ [max(abs(low), abs(high)), high - low]) + DENORMAL
+    return float(_ulps(scene) @ [max(abs(low), abs(high)), high - low]) + float(DENORMAL)
 
 
 def _ulps(scene: Scene) -> NDArray[np.float64]:

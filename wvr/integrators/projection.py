@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 DARK = 0.25
 # Size of a sample of which cubics and sums are finite.
 LARGEST = 1e200
+# What a few numbers are off by that underflow.
+TINY = 2.0**-1066
 What = Literal["max", "min", "mean", "sum"]
 # As others call them.
 WORDS = {"average": "mean", "additive": "sum", "integral": "sum"}
@@ -168,8 +170,12 @@ def check_sizes(scene: Scene) -> None:
 def rounding(scene: Scene) -> float:
     """Of a scalar along a ray, and of the largest in a cell: docs/projections.md."""
     low, high = scene.volume.range
-    cells = float(max(scene.volume.entire.shape))
-    return 2.0**-48 * max(abs(low), abs(high)) + (2.0**-43 + 6 * 2.0**-52 * cells) * (high - low) + 1e-320
+    entire = scene.volume.entire
+    edges = np.linalg.norm(entire.index_to_world[:3, :3], axis=0)
+    # What underflows, times up to three lengths of a ray in a cell.
+    denormal = TINY * float(edges.sum() / edges.min()) ** 3
+    cells = float(max(entire.shape))
+    return 2.0**-48 * max(abs(low), abs(high)) + (2.0**-43 + 6 * 2.0**-52 * cells) * (high - low) + denormal
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,9 @@ from ..kernels.precision import REALS, vec3_of, vec4_of
 from ..kernels.transfer.function import make_transfer
 from ..transfer_function import TransferFunction
 
-# Least distance of control points that are no jump, for scalars of order one: slopes stay finite.
-CLOSEST = {"float32": 2.0**-60, "float64": 2.0**-500}
+# Least distance of control points that are no jump, for scalars of order one: slopes stay finite, and cubes of scalars
+# between them do not underflow.
+CLOSEST = {"float32": 2.0**-60, "float64": 2.0**-300}
 
 
 @dataclass(frozen=True)
