@@ -115,17 +115,20 @@ def make_told(halves):
         found = given
         sums = scene.march
         if found.length > wp.float64(0.0):
+            # Of each step's product, which may underflow.
+            tiny = wp.float64(wp.static(2.0**-1066)) * wp.float64(found.count)
             # Sums of as many numbers as there are steps, and each of a few products.
             ulps = wp.float64(2 * found.count + 512) * wp.float64(wp.static(2.0**-53))
             off = sums.off + sums.range * wp.float64(3.0) * scene.view.astray + ulps * sums.largest
             if sums.mean:
                 found.value /= found.length
+                off += tiny / found.length
                 found.bound = wp.min(
                     off + wp.float64(2.0) * sums.largest * found.loose / found.length, sums.range + off
                 )
             else:
                 found.value *= sums.unit
-                found.bound = sums.unit * (off * found.length + sums.largest * found.loose)
+                found.bound = sums.unit * (off * found.length + sums.largest * found.loose + tiny)
                 # A unit of length may be so small that products with it underflow.
                 found.bound += wp.float64(wp.static(2.0**-1066))
             q = classify(sums.colors, found.value)

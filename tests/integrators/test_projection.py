@@ -262,6 +262,17 @@ def test_samples_that_underflow_along_a_long_cell(what):
         assert abs(Fraction(image.values[0, 0]) - truth) <= Fraction(image.error_bound[0, 0])
 
 
+@pytest.mark.parametrize("what", WHAT)
+def test_denormal_samples(what):
+    """Along any ray through long cells."""
+    volume = wvr.Volume(np.random.default_rng(8).normal(size=(5, 6, 7)) * 1e-312, (1, 60, 60))
+    middle, along = volume.corners.mean(axis=0), np.array((1, 60, 48))
+    camera = wvr.Camera(middle + 9 * along, middle, parallel_scale=1.5)
+    image = image_of(volume, what, camera)
+    assert held(image, what, scene_of(volume, SPAN), camera, pixels((24, 20), 60)) == 60
+    assert np.isfinite(image.error_bound).all()
+
+
 def test_one_line():
     """Grey over the range of what there is; no light, opacities do not matter, and black behind."""
     volume = wvr.datasets.load("blobs", 24)
