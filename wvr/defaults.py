@@ -68,6 +68,20 @@ class Call(NamedTuple):
     clip: Clip | Sequence[Clip] | None = None
     integrator: Integrator | None = None
 
+    def asks(self, volume: Field) -> bool:
+        """Whether samples of a volume in a store are looked at, for opacities or the scalars that colours are over."""
+        given = self.transfer_function
+        if isinstance(given, TransferFunction) or _are_points(given):
+            return False
+        if isinstance(given, str) and (given in PRESETS or given.endswith(".json")):
+            return False
+        if given is None and isinstance(self.segmentation, Segmentation):
+            return False
+        if self.opacity is not None or (given is None and domain_of(self.integrator, volume) is not None):
+            ranges = getattr(volume, "ranges", None)
+            return self.clim is None and (ranges is None or not ranges.known.all())
+        return True
+
     def look(self, volume: Field, size: tuple[int, int]) -> Look:
         """For a volume and so many pixels.
 
@@ -79,10 +93,15 @@ class Call(NamedTuple):
         chosen: Suggestion | None = None
         function: TransferFunction | None = None
         seen: Any = volume
+        placed: Any = volume
         if not (isinstance(self.transfer_function, TransferFunction) and isinstance(self.camera, Camera)):
             volume.look()
-            # What is in a store is looked at in fewer samples, if there are such.
-            seen = getattr(volume, "preview", None) or volume
+            # What is in a store is looked at in fewer samples, if there are such or something is to be suggested.
+            seen = placed = getattr(volume, "preview", None) or volume
+            if volume.stored and seen is volume and self.asks(volume):
+                seen = volume.some
+                # Some of the samples do not say where things are: ranges do, or else the box is framed.
+                placed = seen if seen.shape == volume.shape else placed
         method = self.integrator
         segmentation: Any = self.segmentation
         own = isinstance(segmentation, Segmentation)
@@ -95,7 +114,7 @@ class Call(NamedTuple):
         if segmentation is not None:
             segmentation = segmentation if own else segmentation_of(segmentation, function)
             shown = segmentation.for_volume(volume)
-        camera = camera_of(self.camera, seen, shown, size[0] / size[1], clip_list(self.clip))
+        camera = camera_of(self.camera, placed, shown, size[0] / size[1], clip_list(self.clip))
         surfaces = has_surfaces(method, chosen) and (not volume.stored or has_surfaces(method, None))
         lighting = lighting_of(self.lighting, surfaces, camera)
         plain = self.transfer_function is None and domain_of(method, seen) is not None

@@ -48,14 +48,21 @@ def visible_points(volume: Field, shown: Showing | None, clips: Sequence[Clip] =
 
     Where there is nothing, or nothing is known, the corners of the volume's box.
     """
-    if shown is None or not hasattr(volume, "host"):
-        return volume.corners
-    depths, width = visible_depths(volume, shown)
-    found = np.argwhere(depths > FAINT)
     last = np.array(volume.shape) - 1.0
     corners = np.array([[(c >> a) & 1 for a in range(3)] for c in range(8)])
     # What a sample is seen in are the cells on both sides of it.
-    nodes = np.clip((found[:, None, :] + corners) * width - (1 - corners), 0, last)
+    if shown is not None and hasattr(volume, "host"):
+        depths, width = visible_depths(volume, shown)
+        found = np.argwhere(depths > FAINT)
+        nodes = (found[:, None, :] + corners) * width - (1 - corners)
+    elif isinstance(shown, TransferFunction) and (blocks := blocks_of(volume)) is not None:
+        starts, ranges = blocks
+        found = np.argwhere(most_extinction(ranges, shown, volume.smallest_spacing) > 0)
+        ends = [np.stack([along[:-1] - 1, along[1:]], axis=-1) for along in map(np.array, reversed(starts))]
+        nodes = np.stack([ends[a][found[:, a, None], corners[:, a]] for a in range(3)], axis=-1)
+    else:
+        return volume.corners
+    nodes = np.clip(nodes, 0, last)
     nodes = np.where(last == 0, corners - 0.5, nodes).reshape(-1, 3)
     points = np.unique(nodes, axis=0)[:, ::-1] @ volume.index_to_world[:3, :3].T + volume.index_to_world[:3, 3]
     kept = np.ones(len(points), bool)
@@ -64,6 +71,25 @@ def visible_points(volume: Field, shown: Showing | None, clips: Sequence[Clip] =
     if kept.any():
         return points[kept]
     return points if len(points) else volume.corners
+
+
+def blocks_of(volume: Field) -> tuple[Sequence[Sequence[int]], NDArray[np.float64]] | None:
+    """First samples of blocks along x, y, z, with one past the last, and their smallest and largest samples (bz, by,
+    bx, 2), of a volume in a store whose ranges are known.
+    """
+    known = getattr(volume, "ranges", None)
+    if known is None or not known.known.all():
+        return None
+    return known.starts, known.whole()
+
+
+def most_extinction(ranges: NDArray[np.float64], tf: TransferFunction, smallest_spacing: float) -> Floats:
+    """The largest extinction [1/world length] of scalars in ranges (..., 2); 0 of ranges the wrong way round."""
+    low, high = ranges[..., 0], ranges[..., 1]
+    most = np.maximum(tf.extinction(low, smallest_spacing), tf.extinction(high, smallest_spacing))
+    for knot, extinction in zip(tf.knots, tf.knot_extinctions(smallest_spacing), strict=True):
+        most = np.where((low <= knot) & (knot <= high), np.maximum(most, extinction), most)
+    return np.where(low <= high, most, 0.0)
 
 
 def _extinction(some: NDArray, shown: Showing, step: int, smallest_spacing: float) -> NDArray[np.float32]:

@@ -15,6 +15,7 @@ import wvr
 from wvr.bricks import ranges, stored
 from wvr.bricks.grid import Bricks
 from wvr.bricks.pieces import Pieces
+from wvr.framing import visible_points
 
 zarr = pytest.importorskip("zarr")
 
@@ -385,6 +386,34 @@ def test_a_pyramid_has_its_place_and_a_preview(tmp_path):
     # Suggested of the preview, seen in all samples.
     image = wvr.render(path, size=SIZE)
     assert image.rgba[..., 3].max() > 0.1 and image.stats["blocks_read"] > 0
+
+
+def test_a_store_of_one_level_is_suggested_for(monkeypatch):
+    """As the volume is, where its samples are few; else by blocks that are evenly apart, in the same box."""
+    volume, expected = opened(DATA), wvr.render(WHOLE, size=SIZE, lighting=False)
+    image = wvr.render(volume, size=SIZE, lighting=False)
+    assert volume.some.shape == WHOLE.shape and np.array_equal(volume.some.numpy(), DATA)
+    assert np.abs(image.rgba - expected.rgba).max() <= 2 * TOLERANCE
+    monkeypatch.setattr("wvr.bricks.stored.PREVIEW", DATA.nbytes // 2)
+    volume = opened(DATA)
+    some = volume.some
+    assert some.numpy().size <= DATA.size // 2 and np.allclose(some.corners, WHOLE.corners)
+    assert np.isin(some.numpy()[:8, :8, :8], DATA[:8, :8, :8]).all()
+    assert wvr.render(volume, size=SIZE).rgba[..., 3].max() > 0.1
+
+
+def test_ranges_say_what_is_framed():
+    data = np.zeros((64, 64, 64), np.uint8)
+    data[40:46, 8:14, 20:26] = 200
+    tf = wvr.TransferFunction([(100, "white", 0.0), (150, "white", 0.5)])
+    volume = wvr.open(data)
+    points = visible_points(volume, tf)
+    assert np.array_equal(points, volume.corners)
+    # Blocks of 8 samples, and the cells on both sides of them.
+    points = visible_points(wvr.build_ranges(volume), tf)
+    assert points.min(axis=0).tolist() == [15, 7, 39] and points.max(axis=0).tolist() == [32, 16, 48]
+    nothing = wvr.TransferFunction([(210, "white", 0.0), (250, "white", 0.5)])
+    assert np.array_equal(visible_points(volume, nothing), volume.corners)
 
 
 def test_axes_are_selected_by_name(tmp_path):

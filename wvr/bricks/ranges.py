@@ -76,6 +76,10 @@ class BlockRanges:
             return 0.0, 0.0
         return float(whole[..., 0][there].min()), float(whole[..., 1][there].max())
 
+    def whole(self) -> NDArray[np.float64]:
+        """Smallest and largest sample of each block, (bz, by, bx, 2)."""
+        return self.values[:, :, :, ALL, ALL, ALL].astype(np.float64)
+
     def of_pieces(self, towards: Index) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Ranges (2, 2, 2, bz, by, bx, 2) of the pieces that ``Bricks.of_chunks`` are of, and whether they are known:
         along each axis the block itself, or the cells between it and the neighbour towards the camera; the wrong way
@@ -109,7 +113,7 @@ class BlockRanges:
     def around(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Ranges of blocks with all their neighbours, and whether they are known."""
         pad = [(1, 1)] * 3
-        whole = self.values[:, :, :, ALL, ALL, ALL].astype(np.float64)
+        whole = self.whole()
         there = whole[..., 0] <= whole[..., 1]
         low = np.pad(np.where(there, whole[..., 0], np.inf), pad, constant_values=np.inf)
         high = np.pad(np.where(there, whole[..., 1], -np.inf), pad, constant_values=-np.inf)

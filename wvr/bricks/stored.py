@@ -28,7 +28,7 @@ from .ranges import BlockRanges
 ALONG, IN_ALL = 128, 1 << 22
 # Of blocks along z, y, x, which chunks they are of: texts (bz, by, bx) that change with those.
 Marked = Callable[[list[list[range]]], NDArray[np.str_]]
-# Bytes of a preview at most.
+# Bytes of a preview at most, and of samples that stand in for one.
 PREVIEW = 1 << 28
 
 
@@ -279,6 +279,7 @@ class StoredVolume(Fixed, Field):
         self.version += 1
         vars(self).pop("range", None)
         vars(self).pop("preview", None)
+        vars(self).pop("some", None)
         if self.ranges is not None:
             self.ranges.known &= False if which is None else ~which
 
@@ -297,6 +298,13 @@ class StoredVolume(Fixed, Field):
         """The same with fewer samples, in memory: the coarsest level of a pyramid; None without one."""
         coarse = self.coarse
         return None if coarse is None or coarse.nbytes > PREVIEW else coarse.loaded()
+
+    @cached_property
+    def some(self) -> Volume:
+        """Samples that stand in for a preview where there is none: all of few, else some."""
+        from .sampled import sampled
+
+        return sampled(self, PREVIEW)
 
     def loaded(self) -> Volume:
         """The same with all of its samples in memory.

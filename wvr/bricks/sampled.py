@@ -1,0 +1,60 @@
+"""Some of the samples of a volume in a store, to suggest a transfer function and a view by."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..notices import announce
+from ..volume import Volume
+
+if TYPE_CHECKING:
+    from .stored import StoredVolume
+
+
+def sampled(volume: StoredVolume, most: int) -> Volume:
+    """All samples in memory if they take at most so many bytes, else those of blocks that are evenly apart.
+
+    Such blocks are put side by side and stretched over those that were left out: the box is the same, and what is in
+    it, is at most as far from its place as blocks are apart.
+    """
+    along = list(volume.blocks_along)
+    while math.prod(_samples(volume, axis, n) for axis, n in enumerate(along)) * volume.dtype.itemsize > most:
+        # As many are left out along each axis, as far as it has some.
+        axis = max(range(3), key=lambda a: along[a] / volume.blocks_along[a] if along[a] > 1 else 0.0)
+        if along[axis] == 1:
+            break
+        along[axis] -= 1
+    picked = [_picked(volume, axis, n) for axis, n in enumerate(along)]
+    ends = [np.cumsum([0, *(volume.starts[a][i + 1] - volume.starts[a][i] for i in picked[a])]) for a in range(3)]
+    samples = np.empty([int(end[-1]) for end in reversed(ends)], volume.dtype)
+    if samples.shape != volume.shape:
+        announce(
+            "%s has no coarser level: what suits it is said by %d of its %d blocks",
+            volume.samples.name,
+            math.prod(along),
+            math.prod(volume.blocks_along),
+        )
+    for k, j, i in np.ndindex(*reversed(along)):
+        low, high = volume.block((picked[0][i], picked[1][j], picked[2][k]))
+        part = tuple(slice(ends[a][n], ends[a][n + 1]) for a, n in ((2, k), (1, j), (0, i)))
+        samples[part] = volume.region(low, high)
+    lengths, all_of = np.array(samples.shape[::-1]), np.array(volume.shape[::-1])
+    stretch = np.where(lengths > 1, (all_of - 1) / np.maximum(lengths - 1, 1), 1.0)
+    result = Volume(samples, volume.spacing * stretch, volume.origin, volume.direction, volume.nan)
+    result.anatomical = volume.anatomical
+    return result
+
+
+def _picked(volume: StoredVolume, axis: int, count: int) -> list[int]:
+    """So many blocks along an axis, evenly apart; the first and the last are two of three, but not of two."""
+    last = volume.blocks_along[axis] - 1
+    margin = 0.0 if count > 2 else last / (2 * count)
+    return np.rint(np.linspace(margin, last - margin, count)).astype(int).tolist()
+
+
+def _samples(volume: StoredVolume, axis: int, count: int) -> int:
+    starts = volume.starts[axis]
+    return sum(starts[i + 1] - starts[i] for i in _picked(volume, axis, count))
