@@ -206,6 +206,22 @@ def test_samples_that_underflow_along_a_long_cell(spacing, scale):
         assert off <= image.error_bound[y, x]
 
 
+@pytest.mark.parametrize("exponent", [-310, -600, -900, 600])
+def test_places_and_colours_of_scalars_of_any_size(exponent):
+    """Probes take scalars as they are: control points that are all little stay where they are."""
+    samples = np.random.default_rng(3).random((6, 6, 6))
+    camera = wvr.Camera.fit(wvr.Volume(samples), (1, 2, 3))
+
+    def seen(scale):
+        points = [(0, "red", 0), (0.3 * scale, "lime", 0.1), (0.5 * scale, "blue", 0.2), (scale, "white", 0.4)]
+        scene = wvr.Volume(samples * scale), wvr.TransferFunction(points), camera, (8, 8)
+        image, most = wvr.render(*scene), wvr.render(*scene, integrator=wvr.Projection("max"))
+        return image.depth(0.5), image.pick(4, 4).value / scale, most.rgba
+
+    for ours, theirs in zip(seen(2.0**exponent), seen(1.0), strict=True):
+        assert np.array_equal(ours, theirs, equal_nan=True) and np.isfinite(theirs).any()
+
+
 @pytest.mark.parametrize("spacing", [(1, 1, 1e62), (1e45, 1e-45, 1e45)])
 def test_cells_that_are_too_long(spacing):
     with pytest.raises(ValueError, match=r"spacing must have cells .* none more than 1e\+60 times as long as another"):

@@ -106,7 +106,9 @@ def transfer_arrays(
 
 def _apart(scalars: NDArray[np.float64], knots: NDArray) -> NDArray:
     """``knots``, rounded from ``scalars``, with those apart that rounding put together: what is no jump stays none."""
-    least = knots.dtype.type(CLOSEST[knots.dtype.name])
+    # Probes take scalars as they are, however small.
+    size = min(float(np.abs(scalars).max()), 1.0)
+    least = knots.dtype.type(CLOSEST[knots.dtype.name] * size)
     if np.all((np.diff(knots) >= least) | (np.diff(scalars) == 0)):
         return knots
     for k in range(1, len(knots)):
