@@ -55,6 +55,12 @@ def test_nothing_in_view():
         rendered([(0, "red", 0), (255, "red", 0.5)], wvr.Camera((100, 0, 0), (200, 0, 0)))
 
 
+def test_a_box_that_rounding_does_not_tell_from_nothing():
+    volume = wvr.Volume(ARRAY, spacing=(1e-30, 1, 1))
+    with pytest.warns(UserWarning, match=r"the box is 1e-30 times as thick as long, .* see spacing"):
+        wvr.render(volume, [(0, "red", 0), (255, "red", 0.5)], size=(8, 8))
+
+
 def test_something_to_see():
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 
+from .field.base import Field
 from .image import Image
 from .scene import Scene
 from .transfer_function import TransferFunction
@@ -15,8 +16,16 @@ from .validation import outside
 NOTHING, FAINT = 1 / 255, 0.02
 # A smaller part of a transfer function than is ever meant: it is for other scalars.
 NARROW = 1 / 15
+# Of a box's longest edge, what rays with rounding may miss.
+THIN = 1e-12
 # Optical depth of a ray that would show what it meets.
 OPAQUE = 1.0
+
+
+def _thinnest(volume: Field) -> float:
+    """The shortest edge of the box, in parts of the longest."""
+    edges = np.linalg.norm(volume.index_to_world[:3, :3], axis=0) * np.maximum(volume.dimensions - 1, 1)
+    return float(edges.min() / edges.max())
 
 
 def advise(scene: Scene, image: Image) -> None:
@@ -30,6 +39,10 @@ def advise(scene: Scene, image: Image) -> None:
         opaque = f"the transfer function has opacity from {begin:g} to {end:g}" if shown else "it has no opacity at all"
         if not shown or end <= low or begin >= high:
             advice = "give it control points with opacity among them, or a preset clim=(low, high)"
+        elif (thin := _thinnest(scene.volume)) < THIN:
+            advice = (
+                f"the box is {thin:.0e} times as thick as long, which rounding does not tell from nothing: see spacing"
+            )
         elif not image.samples.any():
             advice = "no ray meets any of it: see that the camera looks at the volume (Camera.fit) and clips leave it"
         elif _deepest(scene) > OPAQUE:
