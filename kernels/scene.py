@@ -72,6 +72,7 @@ class Halves:
         return _make_scene(
             self.real,
             self.field.Struct,
+            self.field.finite,
             self.march.Struct(self),
             self.march.tabled,
             self.cuts.Struct(self.real) if self.cuts.used else None,
@@ -82,7 +83,7 @@ class Halves:
 
 
 @cache
-def _make_scene(real, Field, March, tabled, CutsStruct, lit, traced, brick):
+def _make_scene(real, Field, finite, March, tabled, CutsStruct, lit, traced, brick):
     members = {
         "view": View,
         "field": Field,
@@ -93,6 +94,8 @@ def _make_scene(real, Field, March, tabled, CutsStruct, lit, traced, brick):
         "whole": wp.float64,  # length of the ray, where it is marched in stretches, of which
         "stretch": int,  # so many came before
     }
+    if not finite:
+        members["proven"] = wp.vec3i  # of each axis, whether rays computed to be in faces across it are there
     if tabled:
         members["table"] = make_table(real)[0]
     if CutsStruct is not None:

@@ -11,9 +11,11 @@ FAR = wp.constant(wp.float64(1.0e300))
 
 
 @wp.func
-def exact(anchor: wp.float64, across: wp.float64):
-    """Whether a ray is computed to be in a face to the last digit: it is then in the cell above (docs/proof.md)."""
-    return across == ZERO and anchor == wp.rint(anchor)
+def exact(proven: int, anchor: wp.float64, across: wp.float64):
+    """Whether a ray is in a face to the last digit, as far as that is ``proven`` of those that are computed to be: it is
+    then in the cell above (docs/proof.md).
+    """
+    return proven != 0 and across == ZERO and anchor == wp.rint(anchor)
 
 
 @wp.func
@@ -82,7 +84,7 @@ def make_grazed(halves):
         wide = wp.vec3d()
         for a in range(3):
             across = wp.abs(d[a])
-            if last[a] > 0 and not exact(anchor[a], across):
+            if last[a] > 0 and not exact(scene.proven[a], anchor[a], across):
                 wide[a] = FAR
                 if across > ZERO:
                     wide[a] = e / across

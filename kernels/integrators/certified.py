@@ -144,7 +144,7 @@ def make_edge(halves):
         if not wp.static(finite):
             # What there is to see may end at absent cells.
             for a in range(3):
-                holes[a] = wp.where(exact(anchor[a], inverse[a]), 0, 1)
+                holes[a] = wp.where(exact(scene.proven[a], anchor[a], inverse[a]), 0, 1)
         for a in range(3):
             if low[a] <= view.low[a] or holes[a] != 0:
                 low[a] -= e

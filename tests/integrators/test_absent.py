@@ -8,17 +8,18 @@ import pytest
 import wvr
 from wvr.bricks.frame import BrickedFrame
 from wvr.bricks.grid import Bricks
+from wvr.faces import proven
 
 TF = wvr.TransferFunction([(0, (1, 1, 1), 0.1), (1, (1, 1, 1), 0.3)])
 TOLERANCE = 1e-5
 SIZE = (13, 13)
 
 
-def half_absent(axis):
+def half_absent(axis, end=5, spacing=1.0):
     """Below 5 along an axis, from 6 on along the one before."""
     data = np.random.default_rng(1).uniform(0.2, 0.9, (12, 12, 12)).astype(np.float32)
-    np.moveaxis(data, (2 - axis, (3 - axis) % 3), (2, 0))[6:, :, :5] = np.nan
-    return wvr.Volume(data, nan="transparent")
+    np.moveaxis(data, (2 - axis, (3 - axis) % 3), (2, 0))[6:, :, :end] = np.nan
+    return wvr.Volume(data, (spacing,) * 3, nan="transparent")
 
 
 def along_the_face(axis, slope):
@@ -64,6 +65,39 @@ def test_rays_in_a_face_but_for_rounding_may_see_either_side():
     # Where the other side is absent, which it is in the upper half.
     assert wide[2:6, 6].all() and image.error_bound[2:6, 6].min() > 0.1 and not np.delete(wide, 6, axis=1).any()
     assert not wide[8:, 6].any()
+
+
+def in_a_face(x, spacing=1.0, z=5.5):
+    """Parallel rays along y, those of the middle column at x."""
+    return wvr.Camera((x, -20, z * spacing), (x, 0, z * spacing), up=(0, 0, 1), parallel_scale=6 * spacing)
+
+
+@pytest.mark.parametrize("limit", [None, "1 MiB"], ids=["whole", "bricks"])
+def test_rays_that_rounding_puts_into_a_face_may_see_either_side(limit):
+    """0.3 / 0.1 is 3 but for rounding, and less: the ray is in the cells below."""
+    volume, camera = half_absent(0, 3, 0.1), in_a_face(0.3, 0.1)
+    image = wvr.render(volume, TF, camera, (1, 13), tolerance=TOLERANCE, lighting=False, memory_limit=limit)
+    above, below = (wvr.enclose(volume, TF, camera, 0, y, size=(1, 13)).upper for y in (2, 9))
+    assert above.max() == 0 and image.rgba[2, 0].max() > 0.02
+    assert np.abs(image.rgba[2, 0] - above).max() <= image.error_bound[2, 0]
+    assert np.abs(image.rgba[9, 0] - below).max() <= image.error_bound[9, 0] <= TOLERANCE
+
+
+def test_which_rays_are_in_faces_is_proven():
+    volume, thin = half_absent(0), half_absent(0, 3, 0.1)
+    assert proven(volume, in_a_face(5.0), SIZE, 1e-12) == (1, 0, 1)
+    assert proven(volume, in_a_face(5.0), (13, 12), 1e-12) == (1, 0, 1)
+    assert proven(volume, in_a_face(5.0 + 2e-15), SIZE, 1e-12) == (0, 0, 1)
+    assert proven(thin, in_a_face(0.3, 0.1), SIZE, 1e-12)[0] == 0
+    assert proven(thin, in_a_face(0.35, 0.1), (12, 12), 1e-12)[0] == 0
+    # In half a right angle to the grid; nearly along an axis; rays that have a slope.
+    across = wvr.Camera((-20, -20, 5), (0, 0, 5), parallel_scale=6)
+    assert proven(volume, across, (13, 12), 1e-12) == (0, 0, 1)
+    nearly = wvr.Camera((0, -20, 5), (1e-300, 0, 5), parallel_scale=6)
+    assert proven(volume, nearly, SIZE, 1e-12)[0] == 0
+    wide = wvr.Camera((5, -20, 4), (5, 0, 4))
+    assert proven(volume, wide, (13, 13), 1e-12) == (1, 0, 1)
+    assert proven(volume, wvr.Camera((5, -20, 4.5), (5, 0, 4.5)), SIZE, 1e-12) == (1, 0, 0)
 
 
 def test_holes_everywhere_cost_no_more_than_rounding():
