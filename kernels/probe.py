@@ -17,11 +17,9 @@ import warp as wp
 from .bricks.brick import on_grain
 from .cuts.stretches import make_span
 from .cuts.volumes import make_near_surfaces
-from .integrators.found import Found, nothing
+from .field.absent import make_grazed
+from .integrators.found import GRAZED, SHORTEST, Found, nothing
 from .ray import FAR, TILE, View, ending, entry, inside, inverted, line, near_faces, obliquity, pixel, slack
-
-# What clips and labels leave of a ray may be missed where it is shorter [smallest voxel spacing].
-SHORTEST = 1.0e-6
 
 
 @wp.struct
@@ -68,8 +66,9 @@ def outset(view: View, x: int, y: int):
 
 @cache
 def make_along(halves):
-    """``along(scene, origin, direction, start, stop, begins, ends, found)``: what there is on the part of a ray that
-    clips and labels leave; ``begins`` and ``ends``, whether the ray does so there.
+    """``along(scene, origin, direction, start, stop, begins, ends, grazed, found)``: what there is on the part of a ray
+    that clips and labels leave; ``begins`` and ``ends``, whether the ray does so there; and how much of it is in faces
+    of absent cells.
     """
     Scene = halves.Scene
     cuts = halves.cuts
@@ -87,10 +86,18 @@ def make_along(halves):
         stop: wp.float64,
         begins: bool,
         ends: bool,
+        grazed: wp.float64,
         given: Found,
     ):
         found = given
         surfaces = found.loose
+        if wp.static(borders):
+            # That much more or less of cells beside absent ones, and of their fields.
+            scene.march.off += wp.float64(3.0) * scene.march.range * grazed
+            if grazed > wp.float64(GRAZED):
+                found.bound += FAR
+        else:
+            found.loose += grazed
         before = wp.float64(0.0)
         t = start
         while t < stop:
@@ -116,6 +123,27 @@ def make_along(halves):
         return found
 
     return along
+
+
+@cache
+def make_doubted(halves):
+    """``doubted(scene, x, y, p, direction, start, stop)`` -> how much of the part from start to stop of the ray of a
+    pixel, from p on, is in faces of absent cells, where rounding decides on which side.
+    """
+    Scene = halves.Scene
+    holes = halves.march.bounded and not halves.field.finite
+    # What is behind the faces of a brick may be absent.
+    grazed = make_grazed(halves, outer=halves.brick) if holes else None
+
+    @wp.func
+    def doubted(scene: Scene, x: int, y: int, p: wp.vec3d, direction: wp.vec3d, start: wp.float64, stop: wp.float64):
+        length = wp.float64(0.0)
+        if wp.static(holes):
+            anchor, _direction, _begin = line(scene.view, x, y)
+            length = grazed(scene, anchor, p, direction, start, stop, wp.float64(wp.static(2.0**-37)))
+        return length
+
+    return doubted
 
 
 @cache
@@ -161,6 +189,7 @@ def make_probing(halves):
     borders = halves.march.borders
     border = halves.march.border(halves) if borders else None
     near_surfaces = make_near_surfaces(cuts.kinds, cuts.volumes)
+    doubted = make_doubted(halves)
 
     @wp.kernel(enable_backward=False, module="unique")
     def probing(
@@ -187,7 +216,8 @@ def make_probing(halves):
                     found.hint = (depths[y, x - 1] - scene.view.depth) * ray.oblique - ray.first
             if wp.static(cuts.clipped):
                 found.loose += near_surfaces(scene.cuts.clipping, point, direction, ray.start, ray.stop)
-            found = along(scene, point, direction, ray.start, ray.stop, True, True, found)
+            grazed = doubted(scene, x, y, point, direction, ray.start, ray.stop)
+            found = along(scene, point, direction, ray.start, ray.stop, True, True, grazed, found)
         elif wp.static(borders):
             if found.loose > wp.float64(0.0):
                 found = border(scene, point, direction, found.loose, found)

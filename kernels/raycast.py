@@ -236,6 +236,7 @@ def make_raycasts(halves):
     assert rays == TILE
     march = halves.march.together(halves)
     limits = halves.march.limits(halves)
+    holes = not halves.field.finite
     around = make_bound(halves)
     enter, leave = make_brick_part(halves) if halves.brick else (None, None)
     put = make_put(halves)
@@ -276,13 +277,13 @@ def make_raycasts(halves):
                 if wp.static(halves.brick):
                     brick = scene.brick
                     most = wp.where(brick.edges, most, wp.float64(0.0))
-                if not wp.static(halves.field.finite):
+                if wp.static(holes):
                     # That is for one after the other.
                     most = wp.float64(0.0)
                 reaches(scene.view, brick, x + column, y + row, wp.vec3d(clear, most, little), lines, offs)
             for r in range(last):
                 going[r] = 1
-                if not wp.static(halves.field.finite):
+                if wp.static(holes):
                     point = wp.vec3d(lines[r, 0], lines[r, 1], lines[r, 2])
                     along = wp.vec3d(lines[r, 3], lines[r, 4], lines[r, 5])
                     start = lines[r, 6]

@@ -10,7 +10,7 @@ import warp as wp
 
 from ..cuts.volumes import make_near_surfaces
 from ..integrators.found import Found, nothing
-from ..probe import make_along, make_settled, outset
+from ..probe import make_along, make_doubted, make_settled, outset
 from ..ray import View, inverted, pixel
 from .brick import owned
 
@@ -41,6 +41,7 @@ def make_brick_probing(halves):
     borders = halves.march.borders
     border = halves.march.border(halves) if borders else None
     near_surfaces = make_near_surfaces(cuts.kinds, cuts.volumes)
+    doubted = make_doubted(halves)
 
     @wp.kernel(enable_backward=False, module="unique")
     def probing(base: int, scene: Scene, found: wp.array2d(dtype=Found)):
@@ -68,7 +69,10 @@ def make_brick_probing(halves):
             if wp.static(cuts.clipped):
                 if (f.ends & NEAR) == 0:
                     f.loose += near_surfaces(scene.cuts.clipping, point, ray.direction, ray.start, ray.stop)
-            f = along(scene, point, ray.direction, start, stop, begins, ends, f)
+            column = x + scene.brick.column
+            row = y + scene.brick.row
+            grazed = doubted(scene, column, row, point, ray.direction, start, stop)
+            f = along(scene, point, ray.direction, start, stop, begins, ends, grazed, f)
             f.ends = f.ends | NEAR | wp.where(begins, BEGUN, 0) | wp.where(ends, ENDED, 0)
             found[y, x] = f
 

@@ -25,11 +25,12 @@ def meets(a: wp.float64, b: wp.float64, e: wp.float64):
 
 
 @cache
-def make_grazed(halves):
+def make_grazed(halves, outer=False):
     """``grazed(scene, anchor, p, d, start, stop, little)`` -> how long a ray from p along d, of this ``anchor``, may be
     on another side of faces between absent cells and others. What is not more than ``little`` is counted as if all
-    faces were such.
+    faces were such. The ``outer`` faces of the grid may be such, as what is behind them is not known.
     """
+    rim = 1 if outer else 0
     Scene = halves.Scene
     cubic = halves.field.cubic()
 
@@ -96,8 +97,8 @@ def make_grazed(halves):
             else:
                 from_ = p[a] + start * d[a]
                 to = p[a] + stop * d[a]
-                first = wp.max(int(wp.ceil(wp.min(from_, to) - e)), 1)
-                beyond = wp.min(int(wp.floor(wp.max(from_, to) + e)), last[a]) + 1
+                first = wp.max(int(wp.ceil(wp.min(from_, to) - e)), 1 - rim)
+                beyond = wp.min(int(wp.floor(wp.max(from_, to) + e)), last[a] + rim) + 1
                 for k in range(first, beyond):
                     begin = wp.float64(start)
                     end = wp.float64(stop)
@@ -112,7 +113,7 @@ def make_grazed(halves):
                             edge = edge or (along and meets(p[b] + begin * d[b], p[b] + end * d[b], e))
                         # Nearly along an edge nothing is looked at.
                         length = end - begin
-                        if not edge:
+                        if not edge and k > 0 and k <= last[a]:
                             length = beside(scene, a, k, p, d, begin, end)
                         total += length
         return total

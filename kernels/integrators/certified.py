@@ -117,7 +117,7 @@ def make_edge(halves):
     """
     Scene = halves.Scene
     limits = make_limits(halves)
-    finite = halves.field.finite
+    absent = not halves.field.finite
     zero = wp.float64(0.0)
 
     @wp.func
@@ -141,7 +141,7 @@ def make_edge(halves):
         closer_high = high
         thin = bool(False)
         holes = wp.vec3i()
-        if not wp.static(finite):
+        if wp.static(absent):
             # What there is to see may end at absent cells.
             for a in range(3):
                 holes[a] = wp.where(exact(scene.proven[a], anchor[a], inverse[a]), 0, 1)

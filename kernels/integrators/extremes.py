@@ -15,7 +15,7 @@ from ..field.climb import Tops
 from ..field.peaks import Peaks, promising
 from ..field.walk import make_walk
 from ..transfer.function import make_transfer
-from .found import Found
+from .found import SHORTEST, Found
 
 
 @wp.struct
@@ -160,6 +160,9 @@ def make_told(halves):
             slope = peaks.range * (wp.abs(direction[0]) + wp.abs(direction[1]) + wp.abs(direction[2]))
             off = peaks.off + peaks.range * wp.float64(3.0) * scene.view.astray + slope * found.loose
             found.bound = wp.min(off, peaks.range + peaks.off)
+            if not wp.static(halves.field.finite):
+                # How much of that is of cells that are there is not known.
+                found.length = wp.float64(SHORTEST)
         else:
             found.length = wp.float64(0.0)
             found.value = wp.float64(wp.nan)

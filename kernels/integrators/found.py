@@ -5,6 +5,12 @@ import warp as wp
 from ..ray import FAR
 
 
+# What is left of a ray may be missed where it is shorter [smallest voxel spacing].
+SHORTEST = 1.0e-6
+# Of a ray that is longer in faces of absent cells, where rounding decides on which side, any isosurface is in doubt.
+GRAZED = 2.0**-24
+
+
 @wp.struct
 class Side:
     """Of a ray among isosurfaces, what goes on from cell to cell."""

@@ -60,8 +60,6 @@ def make_probe(halves):
         total = real(0.0)
         length = real(0.0)
         count = int(0)
-        holes = int(0)
-        before = bool(True)
         while w.t < end:
             i = wp.max(w.cell[0], 0)
             j = wp.max(w.cell[1], 0)
@@ -80,25 +78,12 @@ def make_probe(halves):
                 total += L * value
                 length += L
                 count += 1
-            if known != before:
-                holes += 1
-            before = known
             w = after
         if found.count == 0:
             found.value = real(0.0)
         found.value += total
         found.length += length
         found.count += count
-        if wp.static(halves.brick):
-            # What is beyond a brick may be absent.
-            holes += 2
-        if not wp.static(finite):
-            # Where a cell ends that is absent, or begins.
-            steepest = real(1.0)
-            for a in range(3):
-                if direction[a] != real(0.0):
-                    steepest = wp.max(steepest, wp.abs(real(1.0) / direction[a]))
-            found.loose += real(holes) * real(2.0) * scene.view.astray * steepest
         return found
 
     return probe

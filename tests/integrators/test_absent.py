@@ -16,9 +16,9 @@ SIZE = (13, 13)
 
 
 def half_absent(axis, end=5, spacing=1.0):
-    """Below 5 along an axis, from 6 on along the one before."""
+    """Below 5 along an axis, or in another slice, from 6 on along the one before."""
     data = np.random.default_rng(1).uniform(0.2, 0.9, (12, 12, 12)).astype(np.float32)
-    np.moveaxis(data, (2 - axis, (3 - axis) % 3), (2, 0))[6:, :, :end] = np.nan
+    np.moveaxis(data, (2 - axis, (3 - axis) % 3), (2, 0))[6:, :, end if isinstance(end, slice) else slice(end)] = np.nan
     return wvr.Volume(data, (spacing,) * 3, nan="transparent")
 
 
@@ -81,6 +81,19 @@ def test_rays_that_rounding_puts_into_a_face_may_see_either_side(limit):
     assert above.max() == 0 and image.rgba[2, 0].max() > 0.02
     assert np.abs(image.rgba[2, 0] - above).max() <= image.error_bound[2, 0]
     assert np.abs(image.rgba[9, 0] - below).max() <= image.error_bound[9, 0] <= TOLERANCE
+
+
+@pytest.mark.parametrize("limit", [None, "1 MiB"], ids=["whole", "bricks"])
+@pytest.mark.parametrize("what", [wvr.Projection("max"), wvr.Projection("sum"), wvr.Isosurface(0.6)], ids=repr)
+def test_projections_of_such_rays_are_anything(what, limit, monkeypatch):
+    """A column is computed to have the values of the cells above, which it has not, or none, where it has values."""
+    monkeypatch.setattr(BrickedFrame, "bricks", lambda self: Bricks.regular(self.scene.volume.dimensions, (3, 3, 3)))
+    for volume in (half_absent(0, 3, 0.1), half_absent(0, slice(4, None), 0.1)):
+        for x in (0.3, 0.35):
+            camera = in_a_face(x, 0.1)
+            image = wvr.render(volume, None, camera, (1, 13), integrator=what, lighting=False, memory_limit=limit)
+            assert (image.error_bound[2:6] >= 1).all() == (x == 0.3)
+            assert (image.error_bound[8:11] < 1e-6).all() or (limit is not None and x == 0.3)
 
 
 def test_which_rays_are_in_faces_is_proven():

@@ -66,7 +66,8 @@ class Finder(Caster):
     def cast(self, index: Index, brick: Brick, image: Any, rect: Rect, front: Any = None) -> None:
         """Look into a brick, in the pixels of its ``footprint``."""
         _, halves, struct, seen = self.prepared(index, brick)
-        if seen.skipped < 1.0:
+        if seen.skipped < 1.0 or not halves.field.finite:
+            # Where all is absent, rays in its faces may be those of the brick beside.
             aim(struct, rect)
             self._launch(make_brick_probing(halves), struct.view, [struct, self.found[rect]])
 
