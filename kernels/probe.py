@@ -66,9 +66,9 @@ def outset(view: View, x: int, y: int):
 
 @cache
 def make_along(halves):
-    """``along(scene, origin, direction, start, stop, begins, ends, grazed, found)``: what there is on the part of a ray
-    that clips and labels leave; ``begins`` and ``ends``, whether the ray does so there; and how much of it is in faces
-    of absent cells.
+    """``along(scene, origin, direction, start, stop, begins, ends, found)``: what there is on the part of a ray that
+    clips and labels leave, ``grazed`` of which is in faces of absent cells; ``begins`` and ``ends``, whether the ray
+    does so there.
     """
     Scene = halves.Scene
     cuts = halves.cuts
@@ -86,18 +86,17 @@ def make_along(halves):
         stop: wp.float64,
         begins: bool,
         ends: bool,
-        grazed: wp.float64,
         given: Found,
     ):
         found = given
         surfaces = found.loose
         if wp.static(borders):
             # That much more or less of cells beside absent ones, and of their fields.
-            scene.march.off += wp.float64(3.0) * scene.march.range * grazed
-            if grazed > wp.float64(GRAZED):
+            scene.march.off += wp.float64(3.0) * scene.march.range * given.grazed
+            if given.grazed > wp.float64(GRAZED):
                 found.bound += FAR
         else:
-            found.loose += grazed
+            found.loose += given.grazed
         before = wp.float64(0.0)
         t = start
         while t < stop:
@@ -216,8 +215,8 @@ def make_probing(halves):
                     found.hint = (depths[y, x - 1] - scene.view.depth) * ray.oblique - ray.first
             if wp.static(cuts.clipped):
                 found.loose += near_surfaces(scene.cuts.clipping, point, direction, ray.start, ray.stop)
-            grazed = doubted(scene, x, y, point, direction, ray.start, ray.stop)
-            found = along(scene, point, direction, ray.start, ray.stop, True, True, grazed, found)
+            found.grazed = doubted(scene, x, y, point, direction, ray.start, ray.stop)
+            found = along(scene, point, direction, ray.start, ray.stop, True, True, found)
         elif wp.static(borders):
             if found.loose > wp.float64(0.0):
                 found = border(scene, point, direction, found.loose, found)

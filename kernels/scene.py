@@ -71,8 +71,7 @@ class Halves:
         """
         return _make_scene(
             self.real,
-            self.field.Struct,
-            self.field.finite,
+            self.field,
             self.march.Struct(self),
             self.march.tabled,
             self.cuts.Struct(self.real) if self.cuts.used else None,
@@ -83,10 +82,10 @@ class Halves:
 
 
 @cache
-def _make_scene(real, Field, finite, March, tabled, CutsStruct, lit, traced, brick):
+def _make_scene(real, field, March, tabled, CutsStruct, lit, traced, brick):
     members = {
         "view": View,
-        "field": Field,
+        "field": field.Struct,
         "blocks": Blocks,
         "transfer": make_transfer(real)[0],
         "march": March,
@@ -94,7 +93,7 @@ def _make_scene(real, Field, finite, March, tabled, CutsStruct, lit, traced, bri
         "whole": wp.float64,  # length of the ray, where it is marched in stretches, of which
         "stretch": int,  # so many came before
     }
-    if not finite:
+    if not field.finite:
         members["proven"] = wp.vec3i  # of each axis, whether rays computed to be in faces across it are there
     if tabled:
         members["table"] = make_table(real)[0]

@@ -208,6 +208,20 @@ def test_progress_that_renders(scene, threads):
     assert np.array_equal(renderer.render(camera, (16, 16)).rgba, plain.rgba)
 
 
+def test_cancelled_by_progress(scene):
+    """Until the end, by the last call before it too; with 1 the image is there."""
+    volume, tf, camera = scene
+    late, told = threading.Event(), []
+    image = wvr.render(volume, tf, camera, (8, 8), cancel=late, progress=lambda share: share == 1 and late.set())
+    assert late.is_set() and np.array_equal(image.rgba, wvr.render(volume, tf, camera, (8, 8)).rgba)
+    with pytest.raises(wvr.Cancelled), cancelling(late), reporting(told.append):
+        pass
+    assert told == []
+    late.clear()
+    with cancelling(late), reporting(lambda share: late.set()):
+        pass
+
+
 def test_parts_of_progress_are_in_turn():
     """Nested, by their weights, and nothing is left of one that failed."""
     shares = []

@@ -128,6 +128,8 @@ def reporting(report: Callable[[float], object] | None) -> Iterator[None]:
 
     Raises
     ------
+    Cancelled
+        Where the event of :func:`cancelling` is set before that end, if only by the last ``report`` before it.
     TypeError
         For a ``report`` that cannot be called.
     """
@@ -136,6 +138,7 @@ def reporting(report: Callable[[float], object] | None) -> Iterator[None]:
     token = _report.set(None if report is None else (report, 0.0, 1.0))
     try:
         yield
+        _check_cancelled()
         if report is not None:
             _tell(report, 1.0)
     finally:

@@ -354,7 +354,8 @@ def render(
         finished first, which takes seconds. By default nothing cancels it.
     progress
         What is called meanwhile with the share of the image that is done, from 0 to 1, on the thread that renders, at
-        most 50 times a second and with 1 at the end. What it raises ends the render. On CUDA, on Dask's workers and
+        most 50 times a second and with 1 at the end. What it raises ends the render, as does ``cancel`` if it sets
+        that; where it does so when called with 1, the image is there and is returned. On CUDA, on Dask's workers and
         under a budget only the end is told.
     **unknown
         Keywords of other libraries, such as ``cmap``: an error, which says what to write here.

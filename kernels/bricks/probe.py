@@ -71,8 +71,8 @@ def make_brick_probing(halves):
                     f.loose += near_surfaces(scene.cuts.clipping, point, ray.direction, ray.start, ray.stop)
             column = x + scene.brick.column
             row = y + scene.brick.row
-            grazed = doubted(scene, column, row, point, ray.direction, start, stop)
-            f = along(scene, point, ray.direction, start, stop, begins, ends, grazed, f)
+            f.grazed = doubted(scene, column, row, point, ray.direction, start, stop)
+            f = along(scene, point, ray.direction, start, stop, begins, ends, f)
             f.ends = f.ends | NEAR | wp.where(begins, BEGUN, 0) | wp.where(ends, ENDED, 0)
             found[y, x] = f
 

@@ -12,8 +12,8 @@ FAR = wp.constant(wp.float64(1.0e300))
 
 @wp.func
 def exact(proven: int, anchor: wp.float64, across: wp.float64):
-    """Whether a ray is in a face to the last digit, as far as that is ``proven`` of those that are computed to be: it is
-    then in the cell above (docs/proof.md).
+    """Whether a ray is in a face to the last digit, where that is ``proven`` of those computed to be: it is then
+    in the cell above (docs/proof.md).
     """
     return proven != 0 and across == ZERO and anchor == wp.rint(anchor)
 

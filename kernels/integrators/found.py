@@ -4,7 +4,6 @@ import warp as wp
 
 from ..ray import FAR
 
-
 # What is left of a ray may be missed where it is shorter [smallest voxel spacing].
 SHORTEST = 1.0e-6
 # Of a ray that is longer in faces of absent cells, where rounding decides on which side, any isosurface is in doubt.
@@ -31,6 +30,7 @@ class Found:
     hint: wp.float64  # where the ray beside has its value; -FAR if that is not known
     length: wp.float64  # of what was probed
     loose: wp.float64  # of that and of what is beside it, where rounding decides on which it is
+    grazed: wp.float64  # of the part that is probed, in faces of absent cells
     bound: wp.float64
     clear: wp.float64  # of isosurfaces, transparency where it was last sure which crossings there are
     count: int  # what it cost

@@ -1,15 +1,19 @@
 """Light swept through slices: closed forms, order in the slice distance, and what must change nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
 
 import wvr
 from studies.angelelli2017.aliasing import moved
+from wvr.frame import view
 from wvr.kernels.field.grid import Grid
 from wvr.kernels.light.travel import BORDER, ROWS, RUN, Half, Shade, make_state, make_travel, run_of
 from wvr.kernels.scene import Halves
 from wvr.launch import get_device, launch_in_turn
+from wvr.light.sweep import place
 
 from ..helpers import max_error
 
@@ -445,3 +449,9 @@ def test_light_of_any_width_is_finite(light):
     shadows = wvr.ConvolutionShadows(spread=85, slice_distance=20, light=one)
     rgba = wvr.render(volume, tf, camera, (16, 12), shadows=shadows).rgba
     assert np.isfinite(rgba).all() and rgba.min() >= 0 and rgba.max() <= 1
+    # And light has no more cells around the volume than blur there is.
+    wide, wider = (
+        place(volume, camera, replace(shadows, spread=spread), one, view(volume, camera, 16, 12))[1]
+        for spread in (89, 89.9)
+    )
+    assert wide == wider and max(wider) < 200

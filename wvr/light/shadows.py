@@ -44,7 +44,8 @@ class ConvolutionShadows:
     spread
         Half-angle of the light's cone [degrees], in [0, 90). The blur after a unit of length is that of the cone: a
         disc of radius ``tan(spread)``, of variance ``tan(spread)^2 / 4`` along each axis, so that
-        ``D = tan(spread)^2 / 8``. Independent of slice distance and image size.
+        ``D = tan(spread)^2 / 8``. Independent of slice distance and image size, up to a blur of 5.6 cells from slice to
+        slice: more, by default from 85 degrees on, counts as that.
     light
         A :class:`Headlight` or :class:`DirectionalLight`, or a sequence of them. A headlight shines from the camera's
         place. Extinction has no colour, so light keeps its own.

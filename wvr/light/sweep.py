@@ -274,7 +274,9 @@ def place(
         flat = np.stack([-extent, extent])
         if z.min() > 0:
             flat = np.clip(corners @ side.T / z[:, None], -extent, extent)
-    blur = MARGIN * np.sqrt(2 * shadows.diffusion * (end - start) * slant) / shadows.cell_width
+    # Of no more than there are steps for.
+    most = np.sqrt(slices * MOST_STEPS * LARGEST_STEP)
+    blur = MARGIN * min(np.sqrt(2 * shadows.diffusion * (end - start) * slant) / shadows.cell_width, most)
     corner = np.floor(flat.min(axis=0) - blur) - 1
     columns, rows = (np.ceil(flat.max(axis=0) + blur) + 2 - corner).astype(int)
     columns = -(-columns // int(RUN)) * int(RUN)
