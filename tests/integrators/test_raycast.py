@@ -9,6 +9,7 @@ from scipy.special import erf
 import wvr
 from studies.base import reference
 from studies.base.reference import quadrature
+from wvr.transfer.lookup import on_jumps
 
 from ..helpers import (
     INTEGRATORS,
@@ -446,3 +447,35 @@ def test_leaping_spares_samples(device):
         leapt = wvr.render(*scene, integrator=integrator, device=device)
         whole = wvr.render(*scene, integrator=integrator, device=device, skip_empty=False)
         assert leapt.samples.sum() < 0.1 * whole.samples.sum() and leapt.samples.any()
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.937, 311.3])
+def test_pre_integration_converges_where_a_field_stays_at_a_jump(scale):
+    """Which is a table's entry: beside one, all that lies at the jump is of a mixture of both sides, 0.05 off."""
+    z, y, x = np.indices((16, 16, 16)) - 7.5
+    shells = np.clip(np.round(np.sqrt(x * x + y * y + z * z) / 2) * 2, 0, 8) / 8
+    volume = wvr.Volume((scale * shells).astype(np.float32))
+    jump = float(np.float32(scale * 0.5))
+    tf = wvr.TransferFunction([(0, "white", 0.02), (jump, "white", 0.02), (jump, "red", 0.3), (scale, "blue", 0.1)])
+    camera = wvr.Camera.fit(volume, (1, 0.6, 0.4))
+    errors = []
+    for method in (wvr.Exact(), wvr.Preintegrated(1), wvr.Preintegrated(0.25)):
+        image = wvr.render(volume, tf, camera, (24, 24), integrator=method, lighting=False, precision="float64")
+        errors.append(image.rgba)
+    coarse, fine = (np.abs(rgba - errors[0]).max() for rgba in errors[1:])
+    assert fine < 0.02 and coarse > 2.5 * fine
+
+
+def test_tables_have_jumps_at_entries():
+    def places(*jumps):
+        points = [(-1, "red", 0.1), *((s, "red", a) for s in jumps for a in (0.1, 0.5)), (2, "red", 0.1)]
+        n, (low, high) = on_jumps(wvr.TransferFunction(points), 512, (0.0, 1.0))
+        assert 512 <= n <= 1024 and low <= 0 and high >= 1
+        return (np.array(jumps) - low) / (high - low) * (n - 1)
+
+    assert on_jumps(wvr.TransferFunction([(0, "red", 0.1), (1, "red", 0.5)]), 512, (0.0, 1.0)) == (512, (0.0, 1.0))
+    for jumps in ((0.3,), (0.0,), (1.0,), (0.3, 0.7123), (0.3, 0.3 + 1e-9), (0.1, 0.3, 0.7)):
+        exact = places(*jumps)
+        assert np.abs(exact - np.rint(exact)).max() < 1e-5, jumps
+    several = places(0.1, 0.2718, 0.57721, 0.9)
+    assert np.abs(several - np.rint(several)).max() < 0.05

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from ..keep import Keeper, Part
 from ..kernels.integrators.uniform import Half
-from ..transfer.lookup import Lookup
+from ..transfer.lookup import Lookup, on_jumps
 from ..transfer.nodes import nodes_array
 from ..transfer_function import TransferFunction
 from ..validation import choice, define, integer, positive
@@ -117,7 +117,8 @@ class Preintegrated(Uniform):
         Segments per ``step``, >= 1: Roettger et al. (2003) need four a voxel.
     table_size
         Entries along an axis of the table, >= 2. None, the default: two or more a grey level, 257 at least, for integer
-        samples of up to 256 levels; one a level for up to 512; else 512.
+        samples of up to 256 levels; one a level for up to 512; else 512, or up to 1024 that have jumps of the transfer
+        function at entries, one or two exactly and more as nearly as can be.
     generator
         ``"incremental"`` (exact, O(n^2)), ``"brute"`` (the same table, O(n^3)) or ``"approximate"`` (attenuation inside
         a segment left out: order 1).
@@ -125,7 +126,8 @@ class Preintegrated(Uniform):
     Notes
     -----
     No feature of the transfer function is missed, however thin. What remains is the field's own curvature along a
-    segment (order 2) and the bilinear look-up between table entries.
+    segment (order 2) and the bilinear look-up between table entries, whatever the step: where a field stays at the
+    value of a jump, that has to be an entry.
     """
 
     step: float = 1.0
@@ -167,5 +169,7 @@ class Preintegrated(Uniform):
 
     def table(self, scene: Scene, tf: TransferFunction) -> Part:
         n, domain = scene.table_shape(self.table_size)
+        if self.table_size is None and not scene.volume.whole:
+            n, domain = on_jumps(tf, n, domain)
         precision, lit = self.precision(scene), scene.lighting is not None
         return Lookup(tf, scene.unit, self.shortest, n, domain, self.generator, scene.shift, precision, lit)

@@ -19,6 +19,26 @@ from .preintegration import generate, tables_of
 from .running import Cut, vec4_array
 
 
+def on_jumps(tf: TransferFunction, n: int, domain: tuple[float, float]) -> tuple[int, tuple[float, float]]:
+    """Entries, n or up to twice as many, and a domain that has the given one in it: such that a jump of the transfer
+    function is at an entry, and so are two; of more, all are as near to entries as can be. Where a field is at a jump,
+    an entry beside it is wrong however short the segments are.
+    """
+    low, high = domain
+    jumps = np.unique(tf.knots[1:][np.diff(tf.knots) == 0])
+    jumps = jumps[(jumps >= low) & (jumps <= high)]
+    if jumps.size == 0:
+        return n, domain
+    first, last = float(jumps[0]), float(jumps[-1])
+    step = (high - low) / (n - 1)
+    counts = np.arange(np.ceil((last - first) / step), np.floor(2 * (last - first) / step) + 1)
+    if last > first and counts.size:
+        places = (jumps - first) / (last - first) * counts[:, None]
+        step = (last - first) / float(counts[np.argmin(np.round(np.abs(places - np.rint(places)).max(axis=1), 6))])
+    before, after = (int(np.ceil(x / step - 1e-9)) for x in (first - low, high - first))
+    return before + after + 1, (first - before * step, first + after * step)
+
+
 @dataclass(frozen=True)
 class Lookup(Part):
     """The struct of ``kernels.transfer.lookup``, for look-ups of scalars minus ``shift``.

@@ -93,6 +93,11 @@ class Cut:
     def __init__(self, tf: TransferFunction, n: int, domain: tuple[float, float], unit: float):
         self.tf, self.n = tf, n
         self.grid = np.linspace(*domain, n)
+        # What is meant to be an entry is one, also where that is a jump, to the last digit.
+        nearest = np.rint((tf.knots - domain[0]) * ((n - 1) / (domain[1] - domain[0])))
+        nearest = np.clip(nearest, 0, n - 1).astype(np.int64)
+        same = np.abs(self.grid[nearest] - tf.knots) <= 2.0**-46 * np.abs(domain).max()
+        self.grid[nearest[same]] = tf.knots[same]
         inside = tf.knots[(tf.knots > domain[0]) & (tf.knots < domain[1])]
         self.scalars = np.union1d(self.grid, inside)
         self.first = np.searchsorted(self.scalars, self.grid)
