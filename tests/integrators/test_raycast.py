@@ -464,6 +464,8 @@ def test_pre_integration_converges_where_a_field_stays_at_a_jump(scale):
         errors.append(image.rgba)
     coarse, fine = (np.abs(rgba - errors[0]).max() for rgba in errors[1:])
     assert fine < 0.02 and coarse > 2.5 * fine
+    adaptive = wvr.render(volume, tf, camera, (24, 24), integrator=wvr.AdaptivePreintegrated(1e-3), lighting=False)
+    assert np.abs(adaptive.rgba - errors[0]).max() < 0.02
 
 
 def test_tables_have_jumps_at_entries():

@@ -13,7 +13,7 @@ from ..field.blocks import Octants
 from ..keep import Keeper, Part
 from ..kernels.integrators.adaptive_preintegrated import Half
 from ..transfer.function import transfer_values
-from ..transfer.lookup import Stretchable
+from ..transfer.lookup import Stretchable, on_jumps
 from ..transfer_function import TransferFunction
 from ..validation import below_one, define, positive
 from .base import Integrator
@@ -100,6 +100,8 @@ class AdaptivePreintegrated(Integrator):
         n, domain = scene.table_shape(None)
         # An entry a grey level: what counts beside more exact entries is that they stay in a processor's cache.
         n = (n + 1) // 2
+        if not scene.volume.whole:
+            n, domain = on_jumps(tf, n, domain)
         return Stretchable(tf, scene.unit, longest(scene), n, domain, scene.shift, self.precision(scene))
 
     def termination(self, scene: Scene) -> float:
