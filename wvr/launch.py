@@ -124,7 +124,7 @@ def cancelling(event: Any) -> Iterator[None]:
 @contextmanager
 def reporting(report: Callable[[float], object] | None) -> Iterator[None]:
     """While launches within work, their calling thread calls ``report`` with the share that is done of all there is
-    to be done, every 20 ms at most, and with 1 at the end. What it raises ends the launch.
+    to be done, every 20 ms at most, and with 1 once, at the end. What it raises ends the launch.
 
     Raises
     ------
@@ -428,7 +428,10 @@ def _work(
             _check_cancelled()
             if report is not None and done is not None:
                 tell, low, high = report
-                _tell(tell, low + (high - low) * done())
+                share = low + (high - low) * done()
+                # With 1 once, when the image is there.
+                if share < 1:
+                    _tell(tell, share)
     except BaseException:
         stop()
         # Who enters later finds that nothing is to be done.
