@@ -18,6 +18,8 @@ from .field.base import Field
 Vector = list[Fraction]
 # Rounding of a place, and of a direction, in parts of the numbers that are summed up.
 ROUNDING = 2.0**-44
+# Of what is larger nothing is said: squares and sums are floats.
+LARGEST = 10**200
 
 
 def proven(field: Field, camera: Camera, size: tuple[int, int], astray: float) -> tuple[int, int, int]:
@@ -45,6 +47,8 @@ def proven(field: Field, camera: Camera, size: tuple[int, int], astray: float) -
             axis, count = oblique[0]
             squared = (pixel * _dot(row, axis)) ** 2 / _dot(axis, axis)
             middle = _dot(row, _less(position, origin))
+            if max(abs(middle), squared, *map(abs, row)) > LARGEST:
+                continue
             if camera.parallel:
                 found[a] = _whole(middle, squared, count, astray)
             else:
