@@ -124,11 +124,16 @@ assert time.monotonic() - start < 8
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_ctrl_c_on_the_command_line(tmp_path):
-    command = f"{LISTEN}; import sys; sys.argv[0] = 'wvr'; from wvr.cli import main; sys.exit(main())"
+    command = f"""{LISTEN}
+import sys, warp as wp
+from wvr.cli import main
+launch = wp.Launch.launch
+wp.Launch.launch = lambda *args: (print("launched", file=sys.stderr, flush=True), launch(*args))
+sys.argv[0] = "wvr"
+sys.exit(main())"""
     args = ["render", "blobs", "--integrator", "riemann:0.001", "--termination", "0", "-o", str(tmp_path / "a.png")]
     process = subprocess.Popen([*PYTHON, command, *args], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    time.sleep(4)
-    assert process.poll() is None
+    assert any(line == "launched\n" for line in process.stderr)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=20)
     assert process.returncode == 130 and out == "" and "Traceback" not in err
