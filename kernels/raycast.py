@@ -9,7 +9,7 @@ from functools import cache
 
 import warp as wp
 
-from .bricks.brick import Brick, clearing, has, on_grain, owned
+from .bricks.brick import Brick, clearing, has, on_grain, owned, unspent
 from .cuts.stretches import make_stretches
 from .field.absent import make_grazed
 from .precision import vec4_of
@@ -177,10 +177,13 @@ def make_raycast(halves):
         # Of the whole image, which a brick has a part of.
         column = int(x)
         row = int(y)
+        clear = wp.float64(0.0)
         if wp.static(halves.brick):
             column += scene.brick.column
             row += scene.brick.row
-            if not enter(scene, x, y, rgba, bounds):
+            front = rgba[y, x]
+            clear = clearing(scene.brick, x, y, front[3], wp.float64(1.0) - scene.opaque)
+            if not enter(scene, x, y, clear, rgba, bounds):
                 return
         point, along, start, stop, loose = reach(scene.view, column, row)
         ray = wp.vec4d()
@@ -195,8 +198,7 @@ def make_raycast(halves):
             first, last = owned(scene.brick, point, inverted(along), start, stop)
             loose = wp.where(has(first, last, stop, loose), loose, wp.float64(0.0))
             if last > first:
-                front = rgba[y, x]
-                scene.opaque = wp.float64(1.0) - clearing(scene.brick, x, y, front[3], wp.float64(1.0) - scene.opaque)
+                scene.opaque = wp.float64(1.0) - clear
                 point -= scene.brick.offset
                 if wp.static(anchored):
                     # Segments count from where the ray enters the whole; the brick has those whose middles are in it.
@@ -259,8 +261,9 @@ def make_raycasts(halves):
             column = scene.brick.column
             row = scene.brick.row
             scene.stretch = 1
-        # Point, direction, start, stop and end of each ray; its composite, count and bound, and what is to be added.
-        lines = wp.zeros(shape=(rays, 9), dtype=wp.float64)
+        # Point, direction, start, stop, end and what is unspent of each ray; its composite, count and bound, and what
+        # is to be added.
+        lines = wp.zeros(shape=(rays, 10), dtype=wp.float64)
         results = wp.zeros(shape=(rays, 6), dtype=wp.float64)
         offs = wp.zeros(shape=(rays,), dtype=wp.float64)
         clear = wp.float64(1.0) - scene.opaque
@@ -295,8 +298,13 @@ def make_raycasts(halves):
                     if hit:
                         front = rgba[y, x + r]
                         lines[r, 8] = clearing(scene.brick, x + r, y, front[3], clear)
-                        hit = enter(scene, x + r, y, rgba, bounds)
-                    if not hit:
+                        hit = enter(scene, x + r, y, lines[r, 8], rgba, bounds)
+                    if hit:
+                        # What each telescopes to over the bricks in front is no part of what cells there were off by.
+                        all = scene.march.cell + scene.march.tinted + scene.brick.opacity
+                        length = scene.march.along * lines[r, 6]
+                        lines[r, 9] = unspent(scene.brick, rgba[y, x + r][3], bounds[y, x + r], all, length)
+                    else:
                         lines[r, 7] = lines[r, 6]
                         going[r] = wp.where(offs[r] > wp.float64(0.0), 1, 0)
             for r in range(last, rays):
@@ -308,17 +316,18 @@ def make_raycasts(halves):
                 looked = y < scene.view.height
                 if wp.static(halves.brick):
                     if looked:
-                        looked = enter(scene, x, y, rgba, bounds)
+                        front = rgba[y, x]
+                        lines[r, 8] = clearing(scene.brick, x, y, front[3], clear)
+                        looked = enter(scene, x, y, lines[r, 8], rgba, bounds)
                 if looked:
                     going[r] = 1
                     point, along, start, stop, loose = reach(scene.view, x + column, y + row)
-                    lines[r, 8] = clear
+                    if not wp.static(halves.brick):
+                        lines[r, 8] = clear
                     if wp.static(halves.brick):
                         end = stop
                         start, stop = owned(scene.brick, point, inverted(along), start, stop)
                         loose = wp.where(has(start, stop, end, loose), loose, wp.float64(0.0))
-                        front = rgba[y, x]
-                        lines[r, 8] = clearing(scene.brick, x, y, front[3], clear)
                         point -= scene.brick.offset
                     for a in range(3):
                         lines[r, a] = point[a]
@@ -351,8 +360,9 @@ def make_raycasts(halves):
 
 @cache
 def make_brick_part(halves):
-    """``enter(scene, x, y, rgba, bounds)`` -> whether a brick's ray is still to be seen: one that is opaque asks for
-    nothing more, and whatever is here and behind, between 0 and the brightest, is in its bound; and
+    """``enter(scene, x, y, clear, rgba, bounds)`` -> whether a brick's ray is still to be seen, which ends at the
+    transparency ``clear``: one that is opaque asks for nothing more, and whatever is here and behind, between 0 and the
+    brightest, is in its bound; and
     ``leave(scene, ray, bound, length, clear)`` -> the composite of a length of ray, and the bound on it, of what a
     march came to that ends it at the transparency ``clear``.
     """
@@ -361,11 +371,17 @@ def make_brick_part(halves):
     zero = wp.constant(wp.float64(0.0))
 
     @wp.func
-    def enter(scene: Scene, x: int, y: int, rgba: wp.array2d(dtype=wp.vec4d), bounds: wp.array2d(dtype=wp.float64)):
-        front = rgba[y, x]
-        limit = wp.float64(1.0) - scene.opaque
-        going = clearing(scene.brick, x, y, front[3], limit) <= wp.float64(1.0)
+    def enter(
+        scene: Scene,
+        x: int,
+        y: int,
+        clear: wp.float64,
+        rgba: wp.array2d(dtype=wp.vec4d),
+        bounds: wp.array2d(dtype=wp.float64),
+    ):
+        going = clear <= wp.float64(1.0)
         if wp.static(bounded):
+            front = rgba[y, x]
             if not going and front[3] > zero:
                 bounds[y, x] = bounds[y, x] + front[3] * scene.march.brightest
                 rgba[y, x] = wp.vec4d(front[0], front[1], front[2], zero)

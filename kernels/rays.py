@@ -94,7 +94,7 @@ for (int b = 0; b < TILE / 8; ++b) {
             point[a] -= brick.offset[a];
         }
     const vd all[9] = {point[0], point[1], point[2], along[0], along[1], along[2], start, stop, none + clear};
-    for (int l = 0; l < 8; ++l, line += 9)
+    for (int l = 0; l < 8; ++l, line += lines.shape[1])
         for (int m = 0; m < 9; ++m) line[m] = all[m][l];
     *(vd*)(offs.data + 8 * b) = off;
 }
@@ -111,7 +111,7 @@ def reaches(
     lines: wp.array2d(dtype=wp.float64),
     offs: wp.array(dtype=wp.float64),
 ):
-    """Of the rays of pixels from (x, y) on, a row of a tile: ``raycast.reach`` as ``lines`` (n, 9), and ``offs``, the
+    """Of the rays of pixels from (x, y) on, a row of a tile: ``raycast.reach`` as ``lines`` (n, 10), and ``offs``, the
     bound of ``certified.make_edge``. ``limits`` are the transparency at which they end, and what ``most`` and
     ``little`` are to that. Where there is a grain, it is what the ``brick`` has of them.
     """

@@ -20,6 +20,7 @@ class Brick:
     column: int  # of the image, that its first pixel is
     row: int
     front: wp.array2d(dtype=wp.float64)  # transparency in front of its image, where something is
+    foremost: bool  # its image has all that is in front
     enter: wp.float64  # of a ray
     leave: wp.float64
     opacity: wp.float64  # rounding of a ray, in parts of its opacity in the brick,
@@ -62,6 +63,16 @@ def clearing(brick: Brick, x: int, y: int, front: wp.float64, limit: wp.float64)
     if brick.front.shape[0] > 0:
         front *= brick.front[y, x]
     return limit / wp.max(front, wp.float64(1.0e-300))
+
+
+@wp.func
+def unspent(brick: Brick, T: wp.float64, bound: wp.float64, opacity: wp.float64, length: wp.float64):
+    """What a ray was allowed to be off by in front of the brick and is not, of an image whose bound and transparency
+    these are, in parts of that: for ``opacity``, as much as it had, and for a ``length``.
+    """
+    if not brick.foremost:
+        return wp.float64(0.0)
+    return wp.max(opacity * (wp.float64(1.0) - T) + length - bound, wp.float64(0.0)) / T
 
 
 @wp.func

@@ -123,8 +123,9 @@ def depth_of(A: wp.float64):
 def make_rays(halves, rays):
     """``march(scene, lines, results)`` of so many rays at a time; what it counts are cells and pieces.
 
-    ``lines`` (rays, 9) are the rays' origins, directions, starts and stops, and the transparencies at which they end;
-    ``results`` (rays, 6) their colours, opacities, counts and bounds.
+    ``lines`` (rays, 10) are the rays' origins, directions, starts and stops, the transparencies at which they end, and
+    what they were allowed in front of that and have not spent; ``results`` (rays, 6) their colours, opacities, counts
+    and bounds.
     """
     real = wp.float64
     Scene = halves.Scene
@@ -303,7 +304,7 @@ def make_packed(halves):
 
     @wp.func
     def march(scene: Scene, origin: wp.vec3d, d: wp.vec3d, start: real, end: real):
-        lines = wp.zeros(shape=(1, 9), dtype=real)
+        lines = wp.zeros(shape=(1, 10), dtype=real)
         results = wp.zeros(shape=(1, 6), dtype=real)
         for a in range(3):
             lines[0, a] = origin[a]

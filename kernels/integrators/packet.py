@@ -255,7 +255,7 @@ auto sum = [](vf a) -> float {
 };
 for (int ray = 0; ray < rays.going.shape[0]; ++ray) {
     double* total = rays.sums.data + 5 * ray;
-    const double *line = rays.lines.data + 9 * ray, clear = line[8];
+    const double *line = rays.lines.data + rays.lines.shape[1] * ray, clear = line[8];
     int at = firsts[ray];
     const int stop = LIGHTED ? MIN(at + 16, lasts[ray]) : lasts[ray];
     for (; at < stop && 1.0 - total[3] >= clear; at += 16) {
@@ -268,7 +268,7 @@ for (int ray = 0; ray < rays.going.shape[0]; ++ray) {
         vi k = mine ? *(const vi*)(rows_of + at) : (vi){} + rows_of[at];
         if (bits(k < -1)) {
             // So much each of what the ray was allowed so far and has not spent, as long as there is anything.
-            const double left = share * total[3] + along * (time[at] - line[6]) - total[4];
+            const double left = line[9] + share * total[3] + along * (time[at] - line[6]) - total[4];
             const float most = astray ? -__builtin_inff() : (float)(0.999 * left / front);
             v8f long8[2];
             for (int b = 0; b < 2; ++b) {

@@ -224,7 +224,7 @@ def make_single():
             while at < rays.last[ray] and not waits and one - rays.sums[ray, 3] >= clear:
                 stop = wp.min(at + LANES, rays.last[ray])
                 front = one - rays.sums[ray, 3]
-                left = wp.float64(spend[0]) * rays.sums[ray, 3]
+                left = rays.lines[ray, 9] + wp.float64(spend[0]) * rays.sums[ray, 3]
                 left += wp.float64(spend[1]) * (times[0, at] - rays.lines[ray, 6]) - rays.sums[ray, 4]
                 left = wp.float64(0.999) * left / front
                 most = real(wp.static(LEFT)) * real(left)

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import wvr
+from wvr.bricks import frame
 from wvr.bricks.frame import BrickedFrame
 from wvr.bricks.grid import Bricks, footprint
 from wvr.bricks.partial import Partial
@@ -287,3 +288,61 @@ def test_a_small_limit_keeps_few_bricks_and_changes_nothing():
     assert images[0].stats["bricks"] > images[1].stats["bricks"] == 1
     apart = np.abs(images[0].rgba - images[1].rgba).max(axis=2)
     assert np.all(apart <= images[0].error_bound + images[1].error_bound)
+
+
+def test_what_bricks_in_front_have_not_spent_is_spent_behind(split):
+    """Else each brick cuts cells anew that the whole has room for."""
+    camera, options = CAMERAS["outside"], {"integrator": wvr.Certified(1 / 64)}
+    whole = wvr.render(VOLUME, TF, camera, SIZE, **options)
+    image = split((6, 6, 6), camera, **options)
+    assert image.stats["samples"] < 1.004 * whole.stats["samples"] and image.error_bound.max() <= 1 / 64
+
+
+def test_a_kept_renderer_of_bricks_sees_what_changed(monkeypatch):
+    """What is kept of bricks is of one scene: after any change the image is that of a new renderer, to the last bit."""
+    monkeypatch.setattr(frame, "CELLS", (8,))
+    samples, ids = NOISY[:12, :12, :12].copy(), np.arange(12**3, dtype=np.uint8).reshape(12, 12, 12) % 3
+    volume, labels, mask = wvr.Volume(samples), wvr.Volume(ids), wvr.Volume(ids.copy())
+    other = wvr.TransferFunction([(0, "red", 0.0), (255, "white", 0.9)])
+    kept = wvr.Renderer(volume, TF, memory_limit="1 GiB")
+    seen = set()
+
+    def look(camera, depth=None):
+        new = wvr.Renderer(volume, kept.transfer_function, memory_limit="1 GiB")
+        for name in ("integrator", "lighting", "clip", "segmentation", "termination"):
+            setattr(new, name, getattr(kept, name))
+        for _ in range(2):
+            image, fresh = (one.render(camera, SIZE, depth=depth) for one in (kept, new))
+            assert np.array_equal(image.rgba, fresh.rgba) and image.stats["bricks"] == 8
+            assert image.stats["samples"] == fresh.stats["samples"]
+        seen.add(image.rgba.tobytes())
+
+    for camera in (wvr.Camera.fit(volume, (1, 0.6, 0.4)), wvr.Camera.fit(volume, (-1, 0.2, 0.4))):
+        kept.integrator, kept.clip, kept.segmentation, kept.transfer_function = wvr.Certified(1 / 256), None, None, TF
+        look(camera)
+        look(camera, np.full(SIZE[::-1], 30.0))
+        kept.transfer_function = other
+        look(camera)
+        kept.clip = wvr.ClipPlane((6, 6, 6), (1, 1, 0))
+        look(camera)
+        kept.clip = wvr.ClipVolume(mask, 0.5)
+        look(camera)
+        mask.numpy()[:6] = 0
+        mask.changed()
+        look(camera)
+        kept.clip, kept.integrator = None, wvr.Exact()
+        look(camera)
+        kept.integrator = wvr.Projection("mean")
+        look(camera)
+        kept.integrator = wvr.Certified(1 / 256)
+        kept.segmentation = wvr.Segmentation(labels, {1: TF, 2: other})
+        look(camera)
+        labels.numpy()[:] = np.roll(labels.numpy(), 1)
+        labels.changed()
+        look(camera)
+        samples[:6] //= 2
+        volume.changed()
+        look(camera)
+        mask.numpy()[:] = ids
+        mask.changed()
+    assert len(seen) == 22

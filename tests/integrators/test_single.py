@@ -193,7 +193,7 @@ def measured(vectors, data, tf, seed, flags=None):
     blocks, rays = Blocks(), Rays()
     for name in ("going", "first", "last", "count"):
         setattr(rays, name, wp.zeros(2, dtype=int, device="cpu"))
-    rays.lines, rays.sums = (wp.zeros((2, m), dtype=wp.float64, device="cpu") for m in (9, 5))
+    rays.lines, rays.sums = (wp.zeros((2, m), dtype=wp.float64, device="cpu") for m in (10, 5))
     blocks.kinds = wp.full(tuple(-(-(n - 1) // 4) for n in data.shape), -1, wp.int16, device="cpu")
     inputs = [field, blocks, struct, wp.vec3(*SHARE), wp.vec3d(*origin), wp.vec3d(*d), wp.array(places, device="cpu")]
     inputs += [wp.array(times, dtype=wp.float64, device="cpu"), n, where, cubic, found, row, bad, rays]

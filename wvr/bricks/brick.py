@@ -95,6 +95,10 @@ class Halo:
         return np.maximum(low - self.samples, 0), np.minimum(high + self.samples, most)
 
 
+# A frame, its kernel's halves and struct, and what there is to see.
+Prepared = tuple[Frame, Halves, Any, Seen]
+
+
 class Caster:
     """Renders bricks of a scene for one camera, each in the pixels that see it, along rays that end where ``ends``,
     depths (height, width), say.
@@ -115,6 +119,7 @@ class Caster:
         self.halo = Halo.of(scene)
         self.basis = camera.basis()
         self._like: Scene | None = None
+        self.made: dict[Index, Prepared] | None = None  # of bricks that are cast more than once, if they are kept
         field = self.scene.volume
         matrix = field.index_to_world
         self.eye = np.linalg.inv(matrix[:3, :3]) @ (camera.position - matrix[:3, 3])
@@ -170,9 +175,9 @@ class Caster:
         return scene.integrator.termination(scene) if scene.termination is None else scene.termination
 
     def nothing(self) -> Partial:
-        """An image of nothing, of all pixels."""
+        """An image of nothing, of all pixels, for bricks from the camera outwards."""
         width, height = self.size
-        return Partial.nothing((slice(0, height), slice(0, width)), self.bounded)
+        return replace(Partial.nothing((slice(0, height), slice(0, width)), self.bounded), foremost=True)
 
     def ended(self, image: Partial, rect: Rect) -> bool:
         """Whether all rays of some pixels ended, so that nothing behind is asked for."""
@@ -239,16 +244,27 @@ class Caster:
             setattr(struct.brick, name, value)
         return Ready(frame, halves, struct, looked)
 
-    def prepared(self, index: Index, brick: Brick) -> tuple[Frame, Halves, Any, Seen]:
+    def prepared(self, index: Index, brick: Brick) -> Prepared:
         """A frame of a brick, its kernel's halves and struct for pixels that one can ``aim`` at, and what there is to
         see.
         """
+        made = None if self.made is None else self.made.get(index)
+        if made is None:
+            made = self._made(index, brick)
+            if self.made is not None:
+                self.made[index] = made
+        frame, _, struct, seen = made
+        box = self._seen_box(frame.scene, seen)
+        struct.view = self.view
+        struct.view.seen_low, struct.view.seen_high = (wp.vec3d(*corner) for corner in box)
+        return made
+
+    def _made(self, index: Index, brick: Brick) -> Prepared:
+        """The same, but for what is there to see of it, which is the camera's."""
         scene = self.part_of(brick)
         frame = Frame(scene, self.camera, self.size, self.keep)
         halves = replace(frame.halves(REALS[self.precision], scene.integrator.half(scene)), brick=True)
         struct, seen = frame.struct(halves, rays=self.view)
-        box = self._seen_box(scene, seen)
-        struct.view.seen_low, struct.view.seen_high = (wp.vec3d(*corner) for corner in box)
         struct.brick.low, struct.brick.high = (wp.vec3d(*corner) for corner in self.bricks.own(index))
         struct.brick.offset = wp.vec3d(*brick.first.astype(np.float64))
         return frame, halves, struct, seen
@@ -273,6 +289,7 @@ class Ready:
     def compose(self, image: Partial, front: NDArray[np.float64] | None = None) -> None:
         """Cast them, as of ``Caster.cast``."""
         device, part = self.frame.device, image.part(self.looked)
+        self.struct.brick.foremost = image.foremost and front is None
         if front is not None:
             self.struct.brick.front = wp.array(front[image.at(self.looked)], dtype=wp.float64, device=device)
         bound = np.zeros((1, 1)) if part.bound is None else part.bound

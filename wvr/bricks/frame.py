@@ -129,8 +129,10 @@ class BrickedFrame:
         field: Any = self.scene.volume
         room = float("inf") if self.reading.memory is None else self.reading.memory
         for cells in CELLS:
-            largest = float(np.prod(np.minimum(cells + 3, field.dimensions)))
-            if 2 * largest * (field.dtype.itemsize + BESIDE) <= room or cells == CELLS[-1]:
+            largest = np.minimum(cells + 3, field.dimensions)
+            # The next one comes while one is rendered, but where one is all.
+            several = 2.0 if (largest < field.dimensions).any() else 1.0
+            if several * float(np.prod(largest)) * (field.dtype.itemsize + BESIDE) <= room or cells == CELLS[-1]:
                 break
         return Bricks.regular(field.dimensions, (cells,) * 3)
 
@@ -147,6 +149,7 @@ class BrickedFrame:
         rects = {index: rect for index in order if (rect := caster.footprint(index)) is not None}
         ready = {}
         if store.keeps_all and not isinstance(caster, Finder):
+            caster.made = store.made(caster)
             # What is seen in this frame as well, most likely. Kernels in between would slow all of this down.
             ready = {index: caster.ready(index, store[index], rects[index]) for index in store.seen & rects.keys()}
         store.seen.clear()
@@ -161,6 +164,7 @@ class BrickedFrame:
                 caster.cast(index, store[index], image, rect)
             if not store.keeps_all:
                 self.keep.end_of_frame()
+        store.end_of_frame()
         stats = {"seconds": perf_counter() - start, "bricks": len(list(bricks)), "bricks_rendered": len(store.seen)}
         return caster, image, stats, store
 

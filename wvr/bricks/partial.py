@@ -26,6 +26,7 @@ class Partial:
     rgbt: Floats  # (h, w, 4) premultiplied colour, and transparency
     bound: Floats | None  # (h, w) on the error of any channel, whatever is behind
     samples: NDArray[np.int32]  # (h, w)
+    foremost: bool = False  # it has all that is in front of what is composed next
 
     @property
     def color(self) -> Floats:
@@ -55,7 +56,8 @@ class Partial:
     def part(self, rect: Rect) -> Partial:
         """Some of its pixels, which share its memory."""
         at = self.at(rect)
-        return Partial(rect, self.rgbt[at], None if self.bound is None else self.bound[at], self.samples[at])
+        bound = None if self.bound is None else self.bound[at]
+        return Partial(rect, self.rgbt[at], bound, self.samples[at], self.foremost)
 
     def rounded(self, brightest: float) -> Partial:
         """The same in single precision, and what that costs in the bound."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from dataclasses import fields
 from functools import cached_property
 from typing import Any
 
@@ -10,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..field.base import Field
-from .brick import Brick, Halo
+from ..keep import Keeper
+from .brick import Brick, Caster, Halo, Prepared
 from .grid import Bricks, Index
 
 # Bytes beside the samples that a renderer keeps of a brick, for each of them: ranges, kinds, masks, octants.
@@ -33,6 +35,10 @@ class BrickStore:
         self.version = getattr(field, "version", 0)
         self.seen: set[Index] = set()  # in the last frame
         self._kept: OrderedDict[Index, Brick] = OrderedDict()
+        self._made: dict[Index, Prepared] = {}
+        self._made_of: tuple[Any, ...] | None = None
+        self._new = False
+        self._keep: Keeper | None = None
 
     def serves(self, field: Field, bricks: Bricks, halo: Halo, room: int | None) -> bool:
         """Whether its bricks are those of the field as it is now."""
@@ -59,6 +65,27 @@ class BrickStore:
             while taken > self.room and len(self._kept) > 1:
                 taken -= self.size(self._kept.popitem(last=False)[0])
         return self._kept[index]
+
+    def made(self, caster: Caster) -> dict[Index, Prepared]:
+        """What was prepared of bricks for the caster's scene, by whatever camera, and will be: their parts stay."""
+        scene = caster.scene
+        given = tuple(getattr(scene, field.name) for field in fields(scene) if field.name not in ("like", "background"))
+        versions = tuple(volume.version for volume in scene.volumes())
+        astray = caster.view.astray if scene.clips else 0.0
+        given = (*given, versions, astray)
+        if self._keep is None or self._keep.device != caster.keep.device:
+            self._keep, self._made_of = Keeper(caster.keep.device), None
+            self._keep.builds = caster.keep.builds
+        if given != self._made_of:
+            self._made, self._made_of, self._new = {}, given, True
+        caster.keep = self._keep
+        return self._made
+
+    def end_of_frame(self) -> None:
+        """Let go of what was made for another scene, once there is all that this one has of that."""
+        if self._keep is not None and self._new:
+            self._keep.end_of_frame()
+            self._new = False
 
     @cached_property
     def keeps_all(self) -> bool:
