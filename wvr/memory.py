@@ -1,9 +1,12 @@
-"""How much memory is free."""
+"""How much memory is free, and what was freed given back."""
 
 from __future__ import annotations
 
+import ctypes
 import os
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import warp as wp
 
@@ -25,6 +28,22 @@ def free_host_memory() -> float:
         return float(os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     except (AttributeError, ValueError, OSError):
         return float("inf")
+
+
+def give_back() -> None:
+    """Have the system take back memory that is free but kept by the process: of arrays that come and go among small ones
+    that stay, glibc may keep many times what there is at a time.
+    """
+    if (trim := _trim()) is not None:
+        trim(0)
+
+
+@cache
+def _trim() -> Any:
+    try:
+        return ctypes.CDLL(None).malloc_trim
+    except (OSError, AttributeError, TypeError):
+        return None  # other systems give back
 
 
 def gib(count: float) -> str:

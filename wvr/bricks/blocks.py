@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..launch import Cancelled, waited
+from ..memory import give_back
 from ..samples import times_power
 from .brick import Brick, Halo
 from .grid import Bricks, Index
@@ -29,6 +30,8 @@ from .stored import StoredVolume
 WAVES = 3
 # Bricks that are read ahead.
 AHEAD = 2
+# Bytes that are read until what is free is given back.
+FREED = 1 << 26
 
 
 class BrickReader:
@@ -190,6 +193,8 @@ class BrickReader:
         samples = self.volume.region(low, high)
         self.again += block in self.read
         self.read.add(block)
+        if self.bytes // FREED != (self.bytes + samples.nbytes) // FREED:
+            give_back()
         self.bytes += samples.nbytes
         # One that is read for its layers alone, too, has to find room.
         self._make_room(samples.nbytes)

@@ -1,0 +1,38 @@
+"""What was freed is given back to the system."""
+
+from __future__ import annotations
+
+import platform
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import wvr
+from wvr.bricks import blocks
+from wvr.memory import give_back
+
+
+def resident() -> float:
+    """Memory of this process [MiB]."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other systems give back by themselves")
+def test_what_is_free_among_arrays_that_stay_is_given_back():
+    arrays = [np.ones(size, np.uint8) for _ in range(1000) for size in (100_000, 2_000)]
+    small = arrays[1::2]
+    del arrays
+    before = resident()
+    give_back()
+    assert len(small) == 1000 and before - resident() > 60
+
+
+def test_blocks_that_stream_by_are_given_back(monkeypatch):
+    """Every so many bytes, of which each block is more here."""
+    called = []
+    monkeypatch.setattr(blocks, "FREED", 100_000)
+    monkeypatch.setattr(blocks, "give_back", lambda: called.append(None))
+    volume = wvr.build_ranges(wvr.open(np.random.default_rng(0).integers(1, 255, (70, 70, 140), dtype=np.uint8)))
+    image = wvr.render(volume, [(0, "red", 0.0), (255, "white", 0.01)], "iso", (20, 20))
+    assert len(called) == image.stats["blocks_read"] > 0
