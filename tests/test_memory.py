@@ -29,10 +29,10 @@ def test_what_is_free_among_arrays_that_stay_is_given_back():
 
 
 def test_blocks_that_stream_by_are_given_back(monkeypatch):
-    """Every so many bytes, of which each block is more here."""
+    """Every so many bytes."""
     called = []
     monkeypatch.setattr(blocks, "FREED", 100_000)
     monkeypatch.setattr(blocks, "give_back", lambda: called.append(None))
     volume = wvr.build_ranges(wvr.open(np.random.default_rng(0).integers(1, 255, (70, 70, 140), dtype=np.uint8)))
     image = wvr.render(volume, [(0, "red", 0.0), (255, "white", 0.01)], "iso", (20, 20))
-    assert len(called) == image.stats["blocks_read"] > 0
+    assert 0 < len(called) <= image.stats["blocks_read"]

@@ -31,7 +31,7 @@ def free_host_memory() -> float:
 
 
 def give_back() -> None:
-    """Have the system take back memory that is free but kept by the process: of arrays that come and go among small ones
+    """Have the system take back memory that is free but kept by the process: where arrays come and go among small ones
     that stay, glibc may keep many times what there is at a time.
     """
     if (trim := _trim()) is not None:
