@@ -70,7 +70,8 @@ def unspent(brick: Brick, T: wp.float64, bound: wp.float64, opacity: wp.float64,
     """What a ray was allowed to be off by in front of the brick and is not, of an image whose bound and transparency
     these are, in parts of that: for ``opacity``, as much as it had, and for a ``length``.
     """
-    if not brick.foremost:
+    # Of next to nothing it would be more than single precision holds.
+    if not brick.foremost or T < wp.float64(1.0e-20):
         return wp.float64(0.0)
     return wp.max(opacity * (wp.float64(1.0) - T) + length - bound, wp.float64(0.0)) / T
 

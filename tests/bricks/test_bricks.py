@@ -298,6 +298,19 @@ def test_what_bricks_in_front_have_not_spent_is_spent_behind(split):
     assert image.stats["samples"] < 1.004 * whole.stats["samples"] and image.error_bound.max() <= 1 / 64
 
 
+def test_nothing_is_spent_behind_what_lets_nothing_through(monkeypatch):
+    """Cells there that single precision does not hold are not let pass by shares over a transparency of 0."""
+    data = np.full((24, 4, 4), 50, np.float32)
+    data[8:], data[15:] = 1e20, -1e20
+    volume = wvr.Volume(data)
+    tf = wvr.TransferFunction([(-100, "white", 0.99), (100, "black", 0.5)], unit_distance=0.01)
+    camera = wvr.Camera((1.5, 1.5, -40), (1.5, 1.5, 10), (0, 1, 0), parallel_scale=1)
+    monkeypatch.setattr(frame, "CELLS", (8,))
+    image = wvr.render(volume, tf, camera, SIZE, tolerance=1 / 256, termination=0, memory_limit="1 GiB")
+    off = np.abs(image.rgba - wvr.render(volume, tf, camera, SIZE, integrator=wvr.Exact()).rgba)
+    assert np.all(off.max(axis=2) <= image.error_bound) and image.error_bound.max() <= 1 / 256
+
+
 def test_a_kept_renderer_of_bricks_sees_what_changed(monkeypatch):
     """What is kept of bricks is of one scene: after any change the image is that of a new renderer, to the last bit."""
     monkeypatch.setattr(frame, "CELLS", (8,))
