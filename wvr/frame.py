@@ -206,9 +206,9 @@ class Frame:
         if self.ends is not None:
             struct.view.ends = wp.array(self.ends, dtype=wp.float64, device=self.device)
         struct.field = scene.volume.struct(keep, scene.shift)
-        if not halves.field.finite:
+        if rays is None and not halves.field.finite:
             size = self.width, self.height
-            struct.proven = wp.vec3i(*proven(scene.volume.entire, self.camera, size, struct.view.astray))
+            struct.proven = wp.vec3i(*proven(scene.volume, self.camera, size, struct.view.astray))
         ending = integrator.termination(scene) if scene.termination is None else scene.termination
         struct.opaque = 1.0 - ending
         for name, value in integrator.numbers(scene, keep).items():

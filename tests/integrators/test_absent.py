@@ -96,6 +96,17 @@ def test_projections_of_such_rays_are_anything(what, limit, monkeypatch):
             assert (image.error_bound[8:11] < 1e-6).all() or (limit is not None and x == 0.3)
 
 
+def test_a_kept_renderer_of_bricks_proves_it_of_each_camera(monkeypatch):
+    """What is kept of bricks is of no camera: rays of the frame before are in no face, for sure."""
+    monkeypatch.setattr(BrickedFrame, "bricks", lambda self: Bricks.regular(self.scene.volume.dimensions, (6, 6, 6)))
+    volume = half_absent(0, 3, 0.1)
+    kept = wvr.Renderer(volume, TF, tolerance=TOLERANCE, memory_limit="1 GiB")
+    for x, most in ((0.35, TOLERANCE), (0.3, 1.1), (0.35, TOLERANCE)):
+        image = kept.render(in_a_face(x, 0.1), (1, 13))
+        truth = wvr.enclose(volume, TF, in_a_face(x, 0.1), 0, 2, size=(1, 13))
+        assert np.abs(image.rgba[2, 0] - truth.upper).max() <= image.error_bound[2, 0] <= most
+
+
 def test_which_rays_are_in_faces_is_proven():
     volume, thin = half_absent(0), half_absent(0, 3, 0.1)
     assert proven(volume, in_a_face(5.0), SIZE, 1e-12) == (1, 0, 1)

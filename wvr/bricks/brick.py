@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..cuts.labels import Segmentation
+from ..faces import proven
 from ..field.base import Field
 from ..field.blocks import Seen
 from ..frame import Frame, view
@@ -168,6 +169,11 @@ class Caster:
         )
         return at, way @ to_index.T
 
+    @cached_property
+    def proven(self) -> wp.vec3i:
+        """As of ``faces.proven``, of all bricks."""
+        return wp.vec3i(*proven(self.scene.volume, self.camera, self.size, self.view.astray))
+
     @property
     def ending(self) -> float:
         """Transparency at which a ray ends."""
@@ -253,9 +259,11 @@ class Caster:
             made = self._made(index, brick)
             if self.made is not None:
                 self.made[index] = made
-        frame, _, struct, seen = made
+        frame, halves, struct, seen = made
         box = self._seen_box(frame.scene, seen)
         struct.view = self.view
+        if not halves.field.finite:
+            struct.proven = self.proven
         struct.view.seen_low, struct.view.seen_high = (wp.vec3d(*corner) for corner in box)
         return made
 
