@@ -85,7 +85,7 @@ def make_grazed(halves, outer=False):
         wide = wp.vec3d()
         for a in range(3):
             across = wp.abs(d[a])
-            if last[a] > 0 and not exact(scene.proven[a], anchor[a], across):
+            if last[a] + rim > 0 and not exact(scene.proven[a], anchor[a], across):
                 wide[a] = FAR
                 if across > ZERO:
                     wide[a] = e / across

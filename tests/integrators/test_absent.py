@@ -86,8 +86,11 @@ def test_rays_that_rounding_puts_into_a_face_may_see_either_side(limit):
 @pytest.mark.parametrize("limit", [None, "1 MiB"], ids=["whole", "bricks"])
 @pytest.mark.parametrize("what", [wvr.Projection("max"), wvr.Projection("sum"), wvr.Isosurface(0.6)], ids=repr)
 def test_projections_of_such_rays_are_anything(what, limit, monkeypatch):
-    """A column is computed to have the values of the cells above, which it has not, or none, where it has values."""
-    monkeypatch.setattr(BrickedFrame, "bricks", lambda self: Bricks.regular(self.scene.volume.dimensions, (3, 3, 3)))
+    """A column is computed to have the values of the cells above, which it has not, or none, where it has values; in
+    bricks those are of one cell.
+    """
+    edges = ((0, 3, 4, 11), (0, 6, 11), (0, 6, 11))
+    monkeypatch.setattr(BrickedFrame, "bricks", lambda self: Bricks(edges))
     for volume in (half_absent(0, 3, 0.1), half_absent(0, slice(4, None), 0.1)):
         for x in (0.3, 0.35):
             camera = in_a_face(x, 0.1)
