@@ -91,7 +91,7 @@ def settle_for_sums(
         if sums.partly:
             rest.least = wp.min(rest.low, ZERO) * rest.length
             rest.most = wp.max(rest.high, ZERO) * rest.length
-        if f.length > ZERO or not sums.partly:
+        if f.length > f.loose or not sums.partly:
             off = wp.float64(0.5) * (rest.most - rest.least)
         f.length += rest.length
         f.value += rest.least + wp.float64(0.5) * (rest.most - rest.least)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import wvr
+from wvr.bricks import stored
 from wvr.bricks.frame import BrickedFrame
 from wvr.bricks.grid import Bricks
 from wvr.faces import proven
@@ -108,6 +109,20 @@ def test_a_kept_renderer_of_bricks_proves_it_of_each_camera(monkeypatch):
         image = kept.render(in_a_face(x, 0.1), (1, 13))
         truth = wvr.enclose(volume, TF, in_a_face(x, 0.1), 0, 2, size=(1, 13))
         assert np.abs(image.rgba[2, 0] - truth.upper).max() <= image.error_bound[2, 0] <= most
+
+
+def test_under_a_budget_no_doubt_is_brighter_than_there_is(monkeypatch):
+    """Each of four bricks along such a ray may be anything, and all of them together no more."""
+    monkeypatch.setattr(stored, "ALONG", 3)
+    data = half_absent(0, 3, 0.1).numpy()
+    known = wvr.build_ranges(wvr.open(data, spacing=(0.1,) * 3, nan="transparent"))
+    camera, options = in_a_face(0.3, 0.1), {"tolerance": TOLERANCE, "lighting": False, "budget": "1 MB"}
+    image = wvr.render(known, TF, camera, (1, 13), **options)
+    assert image.error_bound[2, 0] >= image.rgba[2, 0].max() and image.rgba.max() <= 1 and image.error_bound.max() <= 1
+    # Of such rays some bricks were read: whether there is anything in them nobody knows either.
+    options = {"integrator": wvr.Projection("sum"), "lighting": False, "budget": "3 kB"}
+    image = wvr.render(known, TF, camera, (1, 13), **options)
+    assert image.stats["bricks_rendered"] == 4 and np.isinf(image.error_bound[2:6]).all()
 
 
 def test_which_rays_are_in_faces_is_proven():

@@ -116,8 +116,12 @@ class Limited:
         result = caster.nothing()
         least, most = np.zeros_like(result.rgbt), np.zeros_like(result.rgbt)
         self._launch(show_unread, self._struct(), (least, wp.vec4d), (most, wp.vec4d))
-        shown = np.maximum(0.5 * (least + most), 0.0)
         least = np.maximum(least, 0.0)
+        if caster.scene.lighting is None:
+            # Bounds of bricks come to more than there can be.
+            top = np.array([*3 * (caster.scene.brightest,), 1.0])
+            least, most = np.minimum(least, top), np.minimum(most, top)
+        shown = 0.5 * (least + most)
         if (coarse := self.coarse) is not None:
             # Where it says more than nothing.
             open_ = ((most - least).max(axis=-1) > 2 * march.caster.scene.integrator.tolerance)[..., None]  # type: ignore[attr-defined]
