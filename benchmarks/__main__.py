@@ -13,7 +13,7 @@ from cyclopts.validators import Number
 from matplotlib import rc_context
 from rich.console import Console
 
-from studies.base.harness import STYLE, Settings, markdown, rich_table, save, save_figure
+from studies.base.harness import RESULTS, STYLE, Settings, markdown, rich_table, save, save_figure
 from wvr.files import write_text
 
 from . import certified, clipping, cold, kernels, peers, projections, throughput, viewer
@@ -28,7 +28,6 @@ ENTRIES: dict[str, ModuleType] = {
     "projections": projections,
     "viewer": viewer,
 }
-RECORDED = Path(__file__).parent / "results"
 # Of all charts, the one that reports show.
 RECORDED_CHART = "peers.png"
 
@@ -82,7 +81,7 @@ def run(
                 save_figure(figure, out / stem)
                 files.append(out / f"{stem}.png")
         if record is not None:
-            folder = RECORDED / record
+            folder = RESULTS / record
             folder.mkdir(parents=True, exist_ok=True)
             for file in files:
                 if file.suffix != ".png" or file.name == RECORDED_CHART:

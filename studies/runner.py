@@ -31,7 +31,7 @@ from rich.progress import (
 )
 
 from . import report
-from .base.harness import DIRTY, PACKAGES, ROOT, SOURCES, STYLE, machine, write_json
+from .base.harness import DIRTY, PACKAGES, RESULTS, ROOT, SOURCES, STYLE, machine, write_json
 from .base.study import Part, Study
 
 NAMES = (
@@ -246,7 +246,10 @@ def _identity(facts: dict[str, Any], quick: bool) -> str:
     """Of all that results depend on: the code itself rather than its commit, which knows nothing of local changes."""
     code = hashlib.sha256()
     for path in sorted(
-        path for name in SOURCES for path in (ROOT / name).rglob("*") if path.suffix in (".py", ".json")
+        path
+        for name in SOURCES
+        for path in (ROOT / name).rglob("*")
+        if path.suffix in (".py", ".json") and RESULTS not in path.parents
     ):
         code.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
     rest = {name: facts[name] for name in ("cpu", "cores", "devices", "python", *PACKAGES)}

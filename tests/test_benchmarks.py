@@ -54,7 +54,7 @@ def test_results_survive_json(tmp_path):
 @pytest.fixture
 def quick(tmp_path, monkeypatch):
     """Runs the command line's function on small scenes, with records in a folder of the test."""
-    monkeypatch.setattr(command, "RECORDED", tmp_path / "results")
+    monkeypatch.setattr(command, "RESULTS", tmp_path / "results")
 
     def run(name):
         command.run(name, rounds=2, quick=True, out=tmp_path, record="here")

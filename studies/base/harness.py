@@ -32,8 +32,9 @@ from wvr.files import whole_file, write_text
 from wvr.launch import get_device
 
 ROOT = Path(__file__).parents[2]
-# All that results depend on.
+# All that results depend on, but for those that are recorded there.
 SOURCES = ("wvr", "kernels", "studies", "benchmarks")
+RESULTS = ROOT / "benchmarks/results"
 # How a commit ends whose sources are not as committed.
 DIRTY = "-dirty"
 PACKAGES = ("numpy", "scipy", "warp-lang", "vtk", "pyvista", "wvr")
@@ -208,7 +209,7 @@ def _commit() -> str | None:
 
     try:
         commit = git("describe", "--always")
-        return commit + DIRTY * bool(git("status", "--porcelain", "--", *SOURCES))
+        return commit + DIRTY * bool(git("status", "--porcelain", "--", *SOURCES, f":!{RESULTS.relative_to(ROOT)}"))
     except (OSError, subprocess.CalledProcessError):
         return None
 
