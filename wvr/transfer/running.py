@@ -93,11 +93,13 @@ class Cut:
     def __init__(self, tf: TransferFunction, n: int, domain: tuple[float, float], unit: float):
         self.tf, self.n = tf, n
         self.grid = np.linspace(*domain, n)
-        # What is meant to be an entry is one, also where that is a jump, to the last digit.
-        nearest = np.rint((tf.knots - domain[0]) * ((n - 1) / (domain[1] - domain[0])))
-        nearest = np.clip(nearest, 0, n - 1).astype(np.int64)
-        same = np.abs(self.grid[nearest] - tf.knots) <= 2.0**-46 * np.abs(domain).max()
-        self.grid[nearest[same]] = tf.knots[same]
+        # A jump that is meant to be an entry is one, to the last digit; of points that are only near to each other the
+        # lowest would have what is behind the highest.
+        jumps = np.unique(tf.knots[1:][np.diff(tf.knots) == 0])
+        jumps = jumps[(jumps >= domain[0]) & (jumps <= domain[1])]
+        nearest = np.rint((jumps - domain[0]) * ((n - 1) / (domain[1] - domain[0]))).astype(np.int64)
+        same = np.abs(self.grid[nearest] - jumps) <= 2.0**-49 * np.abs(domain).max()
+        self.grid[nearest[same]] = jumps[same]
         inside = tf.knots[(tf.knots > domain[0]) & (tf.knots < domain[1])]
         self.scalars = np.union1d(self.grid, inside)
         self.first = np.searchsorted(self.scalars, self.grid)
