@@ -468,6 +468,19 @@ def test_pre_integration_converges_where_a_field_stays_at_a_jump(scale):
     assert np.abs(adaptive.rgba - errors[0]).max() < 0.02
 
 
+@pytest.mark.parametrize("jump", [np.nextafter(1.0, 2.0), 1 + 1e-14])
+def test_a_jump_right_beyond_all_samples_is_not_seen(jump):
+    """It is no entry of tables, whose last is the largest sample: that would have the colours behind the jump."""
+    samples = np.ones((6, 6, 6), np.float32)
+    samples[0] = 0
+    volume = wvr.Volume(samples)
+    tf = wvr.TransferFunction([(0, "red", 0.1), (jump, "red", 0.1), (jump, "lime", 0.6), (2, "lime", 0.6)])
+    camera = wvr.Camera.fit(volume, (1, 0.6, 0.4))
+    for method in (wvr.Preintegrated(1), wvr.AdaptivePreintegrated(1e-3)):
+        image = wvr.render(volume, tf, camera, (8, 8), integrator=method, lighting=False, precision="float64")
+        assert image.rgba[..., 0].max() > 0.3 and not image.rgba[..., 1].any()
+
+
 def test_tables_have_jumps_at_entries():
     def places(*jumps):
         points = [(-1, "red", 0.1), *((s, "red", a) for s in jumps for a in (0.1, 0.5)), (2, "red", 0.1)]
@@ -476,8 +489,11 @@ def test_tables_have_jumps_at_entries():
         return (np.array(jumps) - low) / (high - low) * (n - 1)
 
     assert on_jumps(wvr.TransferFunction([(0, "red", 0.1), (1, "red", 0.5)]), 512, (0.0, 1.0)) == (512, (0.0, 1.0))
-    for jumps in ((0.3,), (0.0,), (1.0,), (0.3, 0.7123), (0.3, 0.3 + 1e-9), (0.1, 0.3, 0.7)):
+    for jumps in ((0.3,), (0.0,), (1.0,), (0.3, 0.7123), (0.3, 0.3 + 1e-9), (6 / 401, 1.0), (0.1, 0.3, 0.7)):
         exact = places(*jumps)
         assert np.abs(exact - np.rint(exact)).max() < 1e-5, jumps
+    # Closer than parts of an entry are numbers.
+    tiny = wvr.TransferFunction([(0, "red", 0.1), (0, "red", 0.5), (5e-324, "red", 0.5), (5e-324, "red", 0.1)])
+    assert on_jumps(tiny, 512, (0.0, 1e6)) == (512, (0.0, 1e6))
     several = places(0.1, 0.2718, 0.57721, 0.9)
     assert np.abs(several - np.rint(several)).max() < 0.05

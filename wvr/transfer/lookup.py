@@ -31,12 +31,13 @@ def on_jumps(tf: TransferFunction, n: int, domain: tuple[float, float]) -> tuple
         return n, domain
     first, last = float(jumps[0]), float(jumps[-1])
     step = (high - low) / (n - 1)
-    counts = np.arange(np.ceil((last - first) / step), np.floor(2 * (last - first) / step) + 1)
+    counts = np.arange(max(np.ceil((last - first) / step), 1), np.floor(2 * (last - first) / step) + 1)
     if last > first and counts.size:
         places = (jumps - first) / (last - first) * counts[:, None]
         step = (last - first) / float(counts[np.argmin(np.round(np.abs(places - np.rint(places)).max(axis=1), 6))])
     before, after = (int(np.ceil(x / step - 1e-9)) for x in (first - low, high - first))
-    return before + after + 1, (first - before * step, first + after * step)
+    # The last may be the largest sample, which rounding must not put behind the table's end.
+    return before + after + 1, (first - before * step, max(first + after * step, last))
 
 
 @dataclass(frozen=True)
