@@ -196,6 +196,11 @@ def test_a_new_plane_rebuilds_nothing(blobs, device):
             ValueError,
             "volume of a ClipVolume must have finite samples",
         ),
+        (
+            lambda: wvr.ClipVolume(wvr.Volume(np.array([[[-1.7e308, 1.7e308]]]))),
+            ValueError,
+            r"volume of a ClipVolume must have samples of sizes up to 1e\+200, got -1.7e\+308 to 1.7e\+308",
+        ),
     ],
 )
 def test_errors_of_clips(make, error, message):

@@ -177,3 +177,19 @@ def test_rays_of_a_million_units():
     ):
         image = wvr.render(volume, tf, camera, (1, 1), integrator=wvr.Exact(), **options)
         assert image.rgba[0, 0, 3] == pytest.approx(1 - 0.9**length, abs=1e-6)
+
+
+@pytest.mark.parametrize("far", [1e15, 1e30, 1.7e308])
+def test_a_box_without_an_end_is_cut_where_it_begins(far):
+    """Its middle and half its size have no digits of where the volume is."""
+    volume, tf = wvr.Volume(np.full((5, 5, 5), 100, np.uint8)), HOMOGENEOUS
+    camera, corner = wvr.Camera.fit(volume, (1, 2, 3)), volume.corners.mean(axis=0) + 0.25
+    for box, planes in (
+        (wvr.ClipBox(corner, (far, far, far)), np.eye(3)),
+        (wvr.ClipBox((-far, -far, corner[2]), (far, far, far)), [(0, 0, 1)]),
+        (wvr.ClipBox((-far, -far, -far), (far, corner[1], far)), [(0, -1, 0)]),
+    ):
+        ours = wvr.render(volume, tf, camera, (12, 12), clip=box)
+        theirs = wvr.render(volume, tf, camera, (12, 12), clip=[wvr.ClipPlane(corner, one) for one in planes])
+        assert np.abs(ours.rgba - theirs.rgba).max() < 1e-6 and theirs.rgba.max() > 0.1
+        assert ours.max_error < 1 / 512

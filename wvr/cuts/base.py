@@ -64,6 +64,10 @@ class Shape(Clip):
         object.__setattr__(self, "to_shape", matrix)
         object.__setattr__(self, "shape_origin", origin)
 
+    def near(self, points: Floats) -> Shape:
+        """One that leaves the same of the box of world points (n, 3), of numbers as large as that."""
+        return self
+
     def holds(self, points: Floats) -> NDArray[np.bool_] | None:
         """Which points of its own coordinates (n, 3) are inside; None where a subclass does not say."""
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -88,8 +88,16 @@ class ClipBox(Shape):
         hi = finite_vector(self.hi, "hi", "the upper corner of the box")
         if np.any(lo >= hi):
             raise ValueError(f"lo must be below hi along x, y and z, got lo = {self.lo!r} and hi = {self.hi!r}")
-        half = (hi - lo) / 2
-        self.define(np.diag(1 / half), lo + half, lo=lo, hi=hi)
+        # Of ends so far apart that their difference is infinite, too.
+        half = hi / 2 - lo / 2
+        self.define(np.diag(1 / half), lo / 2 + hi / 2, lo=lo, hi=hi)
+
+    def near(self, points: Floats) -> ClipBox:
+        """Faces far beyond the points may be anywhere there: from the middle between such nobody sees the others."""
+        first, last = points.min(axis=0), points.max(axis=0)
+        size = (last - first).max()
+        lo, hi = np.maximum(self.lo, first - size), np.minimum(self.hi, last + size)
+        return replace(self, lo=lo, hi=hi) if np.all(lo < hi) else self
 
     def holds(self, points: Floats) -> NDArray[np.bool_]:
         return np.abs(points).max(axis=1) <= 1

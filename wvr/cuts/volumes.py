@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 # What a map to a clip's own coordinates rounds, in parts of the numbers that it is made of (docs/proof.md, lemma 11).
 ROUNDED = 2.0**-47
+# Size of a sample of which cubics along rays are finite.
+LARGEST = 1e200
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class ClipVolume(Clip):
     TypeError
         For a clip volume that is not a Volume.
     ValueError
-        For samples or an iso that are not finite, unknown ``parts``, or naive ``parts``.
+        For samples or an iso that are not finite, samples beyond 1e200, unknown ``parts``, or naive ``parts``.
     """
 
     volume: Volume
@@ -85,6 +87,12 @@ class ClipVolume(Clip):
     def _check_finite(self) -> None:
         if self.volume.has_nonfinite:
             raise ValueError("volume of a ClipVolume must have finite samples, got NaN or infinite ones")
+        low, high = self.volume.range
+        if max(abs(low), abs(high)) > LARGEST:
+            raise ValueError(
+                f"volume of a ClipVolume must have samples of sizes up to {LARGEST:.0e}, got {low:.3g} to {high:.3g}: "
+                f"scale them, and iso, first"
+            )
 
     def exact(self) -> ClipVolume:
         return replace(self, naive=False, parts=None)
@@ -163,6 +171,7 @@ def clipping_struct(
             name = "naive_volumes" if clip.naive or naive else "partial_volumes" if clip.parts else "volumes"
         else:
             assert isinstance(clip, Shape)
+            clip = clip.near(volume.entire.corners)
             struct = placed(ClipStruct(), clip, clip.to_shape, clip.shape_origin)
             struct.kind = kinds.index(clip.half)
             name = "naive_shapes" if clip.naive or naive else "shapes"
