@@ -183,12 +183,12 @@ class Renderer:
 
     def _render(self, camera: Camera, size: tuple[int, int], depth: Any) -> Image:
         # Of one set of attributes, whatever is assigned meanwhile.
-        tf, labels = self.transfer_function, self.segmentation
-        if isinstance(self.volume, Field):
-            tf = tf.for_volume(self.volume) if isinstance(tf, TransferFunction) else tf
-            labels = labels.for_volume(self.volume) if isinstance(labels, Segmentation) else labels
+        given, tf, labels = self.volume, self.transfer_function, self.segmentation
+        if isinstance(given, Field):
+            tf = tf.for_volume(given) if isinstance(tf, TransferFunction) else tf
+            labels = labels.for_volume(given) if isinstance(labels, Segmentation) else labels
         scene = Scene(
-            volume=self.volume,
+            volume=given,
             transfer_function=tf,
             integrator=self.integrator,
             lighting=self.lighting,

@@ -47,7 +47,9 @@ int count = 0;
 double anchor[3], inverse[3], ends[3];
 for (int a = 0; a < 3; ++a) {
     const double way = walk.inverse[a];
-    const bool along = walk.anchor[a] == -far || !(way < 1.0e30 && way > -1.0e30);
+    // Of what is not a part in 1e30 of a cell on all of the way, nothing is seen.
+    const double still = 1.0e30 * MORE(stop, 1.0);
+    const bool along = walk.anchor[a] == -far || !(way < still && way > -still);
     anchor[a] = along ? walk.cell[a] + 0.5 : walk.anchor[a];
     inverse[a] = along ? far : way;
     ends[a] = walk.last[a] + 1;

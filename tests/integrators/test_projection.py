@@ -273,6 +273,17 @@ def test_denormal_samples(what):
     assert np.isfinite(image.error_bound).all()
 
 
+@pytest.mark.parametrize("what", WHAT)
+def test_rays_cross_cells_however_long(what):
+    """By next to nothing of a cell a unit of length, yet several of them on their way."""
+    spacing = np.array([1e-20, 1.0, 1e20])
+    volume = wvr.Volume(np.random.default_rng(2).random((4, 4, 4)), spacing)
+    camera = wvr.Camera(spacing * (11.5, 7.5, 21.5), spacing * 1.5, up=(1, 2, 3), parallel_scale=1e-20)
+    image = image_of(volume, what, camera, (3, 3))
+    assert held(image, what, scene_of(volume, SPAN), camera, [(0, 0), (1, 1), (2, 1)]) == 3
+    assert np.ptp(image.values) > 0 and image.error_bound.max() < np.inf
+
+
 def test_one_line():
     """Grey over the range of what there is; no light, opacities do not matter, and black behind."""
     volume = wvr.datasets.load("blobs", 24)
