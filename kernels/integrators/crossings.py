@@ -280,7 +280,7 @@ while (busy) {
     const vf linear = bright * (L * d + WHOLE(6) * over)
         + thin.A * (bright * (OPACITY_ULPS) + c[6] + steep * delta + astray * color[7]);
     const vf e = 1.00001f * (linear
-        + steep * (3.3f * R * (L * d) + MIN(R * thin.rest, closer) + (SERIES_ULPS) * R * (G + a)));
+        + steep * (4.3f * R * (L * d) + MIN(R * thin.rest, closer) + (SERIES_ULPS) * R * (G + a)));
     *(vf*)most = share * thin.A + absolute * L + (LITTLE) * bright;
     // A width below 0 says that the row holds nothing; and nothing overflows (S9).
     const vi holds = (c[1] >= zero) & (R < WIDEST) & (x < 2.0f * DEEPEST);
