@@ -152,16 +152,17 @@ struct Node {
     float t;
     uint64_t left;
 };
-Node lists[12][64];
-int counts[12], nexts[12];
-int64_t begins[12], rows[12], planes[12], size = 0;
+// Of levels, more than there is memory for: the last is of 4^16 cells along an axis.
+Node lists[16][64];
+int counts[16], nexts[16];
+int64_t begins[16], rows[16], planes[16], size = 0;
 int root = 0;
 for (;; ++root) {
     const int bits = 2 * root + 2;
-    rows[root] = (walk.last[0] >> bits) + 1;
-    planes[root] = rows[root] * ((walk.last[1] >> bits) + 1);
+    rows[root] = ((int64_t)walk.last[0] >> bits) + 1;
+    planes[root] = rows[root] * (((int64_t)walk.last[1] >> bits) + 1);
     begins[root] = size;
-    const int64_t all = planes[root] * ((walk.last[2] >> bits) + 1);
+    const int64_t all = planes[root] * (((int64_t)walk.last[2] >> bits) + 1);
     size += 64 * all;
     if (all == 1) break;
 }
