@@ -9,7 +9,7 @@ from functools import cache
 import warp as wp
 
 from ..field.blocks import BITS
-from ..field.cell import DENORMAL, SHORT, cubic, length_within, make_corners, rise, vec8d
+from ..field.cell import SHORT, cubic, length_within, make_corners, rise, vec8d
 from ..field.samples import make_value
 from ..field.walk import ahead, cell_at, make_walk
 from ..ray import FAR, inside, inverted, near_faces
@@ -36,6 +36,7 @@ def make_clipping(dtype):
         offset: wp.vec3d
         astray: wp.float64  # how far rounding may put a ray from where it should be, in its own index coordinates
         extent: wp.vec2d  # range and largest size of all samples
+        tiny: wp.float64  # what the field along a ray is off by where numbers underflow
 
     @wp.struct
     class Clipping:
@@ -53,8 +54,7 @@ def blurred(span: wp.float64, size: wp.float64, astray: wp.float64):
     """What a field along a ray may be off by where samples are in a ``span`` and up to a ``size``, and the ray is
     astray by so much in the field's index coordinates (docs/proof.md, lemma 11).
     """
-    off = span * (wp.float64(3.0) * astray + wp.float64(wp.static(2.0**-45))) + size * wp.float64(wp.static(2.0**-49))
-    return off + DENORMAL
+    return span * (wp.float64(3.0) * astray + wp.float64(wp.static(2.0**-45))) + size * wp.float64(wp.static(2.0**-49))
 
 
 @cache
@@ -93,7 +93,8 @@ def make_clip_span(kinds, dtype, bounded=False):
         loose = near_faces(low, high, origin, inverted(direction), clip.astray, stretch[0], stretch[1])
         if span[0] < span[1]:
             most = wp.max(wp.abs(span[0]), wp.abs(span[1]))
-            loose += length_within(level, stretch[1] - stretch[0], blurred(span[1] - span[0], most, clip.astray))
+            blur = blurred(span[1] - span[0], most, clip.astray) + clip.tiny
+            loose += length_within(level, stretch[1] - stretch[0], blur)
         return loose
 
     @wp.func
@@ -104,7 +105,7 @@ def make_clip_span(kinds, dtype, bounded=False):
         loose = wp.float64(0.0)
         blur = wp.float64(0.0)
         if wp.static(bounded):
-            blur = blurred(clip.extent[0], clip.extent[1], clip.astray)
+            blur = blurred(clip.extent[0], clip.extent[1], clip.astray) + clip.tiny
         o = clip.matrix @ origin + clip.offset
         d = clip.matrix @ direction
         near, far = inside(clip.low, clip.high, o, inverted(d), -FAR, FAR)
@@ -160,7 +161,7 @@ def make_clip_span(kinds, dtype, bounded=False):
                         above = level[0] >= wp.float64(0.0)
                     # Beyond rounding: a ray in the surface would change sides without end.
                     level = wp.where(above, -level, level)
-                    level[0] -= blurred(high - low, wp.max(wp.abs(low), wp.abs(high)), wp.float64(0.0))
+                    level[0] -= blurred(high - low, wp.max(wp.abs(low), wp.abs(high)), wp.float64(0.0)) + clip.tiny
                     u = rise(level, after.t - w.t)
                     if u < after.t - w.t:
                         return above, w.t + u, loose

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..field.base import Field
+from ..field.base import TINY, Field
 from ..field.blocks import Ranges
 from ..field.samples import Data, samples_struct
 from ..keep import Keeper, Part
@@ -167,6 +167,9 @@ def clipping_struct(
             struct.iso = float(clip.iso)
             low, high = map(float, clip.volume.range)
             struct.extent = wp.vec2d(high - low, max(abs(low), abs(high)))
+            # Coefficients of a cubic count up to three lengths of a ray in a cell.
+            edges = float(np.linalg.norm(own[:3, :3], axis=0).sum()) / volume.smallest_spacing
+            struct.tiny = TINY * max(1.0, min(edges, volume.longest)) ** 3
             struct.low, struct.high = (wp.vec3d(*corner) for corner in clip.volume.index_box)
             name = "naive_volumes" if clip.naive or naive else "partial_volumes" if clip.parts else "volumes"
         else:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 import numpy as np
 import warp as wp
 
+from ..field.base import TINY
 from ..field.blocks import Everything, Ranges
 from ..field.peaks import Peaks
 from ..field.tops import Tops
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 DARK = 0.25
 # Size of a sample of which cubics and sums are finite.
 LARGEST = 1e200
-# What a few numbers are off by that underflow.
-TINY = 2.0**-1066
 What = Literal["max", "min", "mean", "sum"]
 # As others call them.
 WORDS = {"average": "mean", "additive": "sum", "integral": "sum"}
