@@ -222,6 +222,18 @@ def test_places_and_colours_of_scalars_of_any_size(exponent):
         assert np.array_equal(ours, theirs, equal_nan=True) and np.isfinite(theirs).any()
 
 
+@pytest.mark.parametrize("integrator", [wvr.Projection("max"), wvr.Isosurface(5e-313)])
+def test_denormal_control_points_are_not_looked_up(integrator):
+    samples = np.random.default_rng(3).random((4, 4, 4)) * 1e-312
+    with pytest.raises(ValueError, match=r"transfer_function has control points up to .*e-31.*, below 1e-300"):
+        wvr.render(samples, size=(4, 4), integrator=integrator)
+    tf = wvr.TransferFunction([(0, "red", 0.1), (1e-312, "blue", 0.5)])
+    image = wvr.render(samples, tf, size=(4, 4))
+    assert np.isfinite(image.rgba).all() and image.rgba.max() > 0.1
+    with pytest.raises(ValueError, match="below 1e-300"):
+        image.depth()
+
+
 @pytest.mark.parametrize("spacing", [(1, 1, 1e62), (1e45, 1e-45, 1e45)])
 def test_cells_that_are_too_long(spacing):
     with pytest.raises(ValueError, match=r"spacing must have cells .* none more than 1e\+60 times as long as another"):

@@ -27,6 +27,8 @@ from .validation import choice, real
 Precision = Literal["auto", "float32", "float64"]
 # Magnitudes that a precision holds, with room for what is computed from them.
 LARGEST = {"float32": 1e30, "float64": 1e100}
+# Of control points that are taken as they are, whatever their size.
+LEAST = 1e-300
 # Scalars of magnitudes from 2**-30 to 2**30 are used as they are; others are counted in another unit. Cells in single
 # precision hold no more than 1e12 (docs/proof-single.md, S9), and no squares of slopes beyond 1e18.
 ORDINARY = 30
@@ -146,6 +148,11 @@ class Scene:
                 )
         low, high = self.volume.range if self.volume.shifts else (0.0, 0.0)
         scale = max(float(np.abs(tf.knots).max()) for tf in self.functions) or 1.0
+        if self.integrator.probes and scale < LEAST:
+            raise ValueError(
+                f"transfer_function has control points up to {scale:.3g}, below {LEAST:g}, between which slopes "
+                f"overflow; scale them and the volume's samples first"
+            )
         # What is only looked for is float64.
         most = LARGEST["float64"] if self.integrator.probes else most
         if max(abs(low), abs(high)) > scale * most:
