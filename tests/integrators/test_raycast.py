@@ -495,5 +495,9 @@ def test_tables_have_jumps_at_entries():
     # Closer than parts of an entry are numbers.
     tiny = wvr.TransferFunction([(0, "red", 0.1), (0, "red", 0.5), (5e-324, "red", 0.5), (5e-324, "red", 0.1)])
     assert on_jumps(tiny, 512, (0.0, 1e6)) == (512, (0.0, 1e6))
+    # Nor can more than there are entries be at some: what is tried would take gigabytes.
+    steps = np.repeat(np.arange(50_000) / 50_000, 2)
+    many = wvr.TransferFunction.from_arrays(steps, np.ones((len(steps), 3)), np.arange(len(steps)) % 7 / 8)
+    assert on_jumps(many, 512, (0.0, 1.0)) == (512, (0.0, 1.0))
     several = places(0.1, 0.2718, 0.57721, 0.9)
     assert np.abs(several - np.rint(several)).max() < 0.05
