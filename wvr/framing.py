@@ -54,17 +54,18 @@ def visible_points(volume: Field, shown: Showing | None, clips: Sequence[Clip] =
     if shown is not None and hasattr(volume, "host"):
         depths, width = visible_depths(volume, shown)
         found = np.argwhere(depths > FAINT)
-        nodes = (found[:, None, :] + corners) * width - (1 - corners)
+        nodes = np.unique(((found[:, None, :] + corners) * width - (1 - corners)).reshape(-1, 3), axis=0)
     elif isinstance(shown, TransferFunction) and (blocks := blocks_of(volume)) is not None:
         starts, ranges = blocks
         found = np.argwhere(most_extinction(ranges, shown, volume.smallest_spacing) > 0)
         ends = [np.stack([along[:-1] - 1, along[1:]], axis=-1) for along in map(np.array, reversed(starts))]
-        nodes = np.stack([ends[a][found[:, a, None], corners[:, a]] for a in range(3)], axis=-1)
+        nodes = np.stack([ends[a][found[:, a, None], corners[:, a]] for a in range(3)], axis=-1).reshape(-1, 3)
     else:
         return volume.corners
-    nodes = np.clip(nodes, 0, last)
-    nodes = np.where(last == 0, corners - 0.5, nodes).reshape(-1, 3)
-    points = np.unique(nodes, axis=0)[:, ::-1] @ volume.index_to_world[:3, :3].T + volume.index_to_world[:3, 3]
+    # A single layer of samples is a voxel thick.
+    half = np.where(last == 0, 0.5, 0.0)
+    nodes = np.clip(nodes, -half, last + half)
+    points = nodes[:, ::-1] @ volume.index_to_world[:3, :3].T + volume.index_to_world[:3, 3]
     kept = np.ones(len(points), bool)
     for clip in clips:
         kept &= clip.keeps(points)
