@@ -1,5 +1,6 @@
 """Volumes: what arrays they take without a copy, where they sit in the world, and what they refuse."""
 
+import copy
 import pickle
 
 import numpy as np
@@ -181,3 +182,7 @@ def test_where_it_is_stays():
             array[0] = 2
     for one in (volume, tf, labels):
         pickle.loads(pickle.dumps(one))
+    for copied in (lambda one: pickle.loads(pickle.dumps(one)), copy.copy, copy.deepcopy):
+        for array in (copied(volume).spacing, copied(tf).knots):
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = 2

@@ -27,6 +27,13 @@ class Fixed:
             raise AttributeError(f"{name} of a {kind} stays as it is, what is kept was made of it: make another {kind}")
         super().__setattr__(name, value)
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        # Copies of arrays can be written into.
+        for name in self.fixed:
+            if isinstance(array := vars(self).get(name), np.ndarray):
+                array.flags.writeable = False
+
 
 def pose_of(
     spacing: ArrayLike, origin: ArrayLike, direction: ArrayLike | None
