@@ -21,8 +21,9 @@ from .running import Cut, vec4_array
 
 def on_jumps(tf: TransferFunction, n: int, domain: tuple[float, float]) -> tuple[int, tuple[float, float]]:
     """Entries, n or up to twice as many, and a domain that has the given one in it: such that a jump of the transfer
-    function is at an entry, and so are two; of more, all are as near to entries as can be, if there are not more than
-    entries. Where a field is at a jump, an entry beside it is wrong however short the segments are.
+    function is at an entry, and so are two that are half an entry apart or farther; of more, all are as near to entries
+    as can be, if there are not more than entries. Where a field is at a jump, an entry beside it is wrong however short
+    the segments are.
     """
     low, high = domain
     jumps = np.unique(tf.knots[1:][np.diff(tf.knots) == 0])
