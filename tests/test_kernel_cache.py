@@ -129,7 +129,7 @@ def test_only_rays_one_by_one_are_compiled_with_all_inlined(monkeypatch):
 
     whole = kernel_cache.load
     monkeypatch.setattr(kernel_cache, "load", load)
-    launch._load.cache_clear()
+    launch.load.cache_clear()
     volume = wvr.datasets.load("blobs", 16)
     for integrator in (wvr.Certified(0.01), wvr.Riemann(1.0)):
         wvr.render(volume, "viridis", size=(16, 16), integrator=integrator, lighting=False, device="cpu")

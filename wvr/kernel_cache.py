@@ -27,7 +27,8 @@ ROOM = 1 << 24
 # No kernel has bfloat16, and Warp's headers take a third less time without: as Warp itself defines it, but also where
 # headers are compiled ahead.
 LEAN = "-DWP_NO_BFLOAT16="
-# Warp has everything inlined that is not huge. Only rays one by one are faster for it, and it takes half as long again.
+# Warp has everything inlined that is not huge. Only rays one by one and tables are faster for it, and it takes half as
+# long again.
 DEEP = "-mllvm=-"
 
 

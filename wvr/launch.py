@@ -205,7 +205,7 @@ def launch(
     Cancelled
         Where the event of :func:`cancelling` is set; on CUDA, before the launch.
     """
-    _load(kernel, device.alias, deep=view is not None and scratch == 0)
+    load(kernel, device.alias, deep=view is not None and scratch == 0)
     if device.is_cuda:
         _check_cancelled()
         wp.launch(kernel, items, [first, *inputs], device=device)
@@ -269,7 +269,7 @@ def launch_in_turn(kernel: wp.Kernel, items: int, steps: Sequence[tuple], inputs
     steps
         Numbers, first arguments of the kernel.
     """
-    _load(kernel, device.alias, deep=True)
+    load(kernel, device.alias, deep=True)
     threads = 1 if device.is_cuda else min(get_num_threads(), items)
     strips = 1 if threads == 1 else min(STRIPS_PER_STEP * threads, items)
     strip = -(-items // strips)
@@ -463,8 +463,8 @@ if hasattr(os, "register_at_fork"):
 
 
 @cache
-def _load(kernel: wp.Kernel, alias: str, deep: bool) -> None:
-    """Load the kernel's module, one thread at a time."""
+def load(kernel: wp.Kernel, alias: str, deep: bool) -> None:
+    """Load the kernel's module, one thread at a time; how deep it is inlined is what is asked for first."""
     device = wp.get_device(alias)
     block_dim = 1 if device.is_cpu else kernel.module.options["block_dim"]
     with _loading.held():

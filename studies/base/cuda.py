@@ -171,7 +171,7 @@ def as_on_gpus() -> Iterator[None]:
 @contextmanager
 def _asked_for(kernels: dict[wp.Kernel, str], name: str) -> Iterator[None]:
     """Kernels that calls within would run on a GPU; those of pixels are not run."""
-    load, launch = wvr.launch._load, wvr.launch.launch
+    load, launch = wvr.launch.load, wvr.launch.launch
 
     def asked(kernel: wp.Kernel, what: str) -> None:
         if kernel not in HOST_ONLY:
@@ -204,7 +204,7 @@ def _asked_for(kernels: dict[wp.Kernel, str], name: str) -> Iterator[None]:
         patch.object(wvr.frame, "make_raycast", maker(wvr.frame.make_raycast)),
         patch.object(wvr.probe, "make_probing", maker(wvr.probe.make_probing)),
         patch.object(wvr.launch, "launch", launched),
-        patch.object(wvr.launch, "_load", loaded),
+        patch.object(wvr.launch, "load", loaded),
         # Images stay on their device.
         patch.object(wvr.resident, "stays", lambda device: True),
         patch.object(wvr.frame, "stays", lambda device: True),

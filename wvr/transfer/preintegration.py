@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..kernels.precision import REALS, vec4_of
 from ..kernels.transfer.preintegration import make_approximate, make_generators
-from ..launch import get_device, launch
+from ..launch import get_device, launch, load
 from ..memory import free_host_memory, free_memory, gib
 from ..transfer_function import TransferFunction
 from ..validation import choice, finite_array, float_array, integer, positive
@@ -247,6 +247,8 @@ def generate(
         launch(brute, n * n, [pieces, length, table, moments], device, grain=n)
     else:
         bins = _bins(n, device.alias)
+        # In half the time, and compiled as soon.
+        load(incremental, device.alias, deep=True)
         launch(incremental, len(bins), [pieces, bins, length, table, moments], device, grain=16)
     return [table, moments] if weights else [table]
 
