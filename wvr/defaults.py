@@ -73,11 +73,12 @@ class Call(NamedTuple):
         given = self.transfer_function
         if isinstance(given, TransferFunction) or _are_points(given):
             return False
-        if isinstance(given, str) and (given in PRESETS or given.endswith(".json")):
+        if isinstance(given, str) and (given in PRESETS or given.lower().endswith(".json")):
             return False
         if given is None and isinstance(self.segmentation, Segmentation):
             return False
-        if self.opacity is not None or (given is None and domain_of(self.integrator, volume) is not None):
+        suggested = isinstance(given, str) and given in SUGGESTED
+        if self.opacity is not None or (not suggested and domain_of(self.integrator, volume) is not None):
             ranges = getattr(volume, "ranges", None)
             return self.clim is None and (ranges is None or not ranges.known.all())
         return True

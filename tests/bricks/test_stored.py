@@ -15,6 +15,7 @@ import wvr
 from wvr.bricks import ranges, stored
 from wvr.bricks.grid import Bricks
 from wvr.bricks.pieces import Pieces
+from wvr.defaults import Call
 from wvr.framing import visible_points
 
 zarr = pytest.importorskip("zarr")
@@ -400,6 +401,16 @@ def test_a_store_of_one_level_is_suggested_for(monkeypatch):
     assert some.numpy().size <= DATA.size // 2 and np.allclose(some.corners, WHOLE.corners)
     assert np.isin(some.numpy()[:8, :8, :8], DATA[:8, :8, :8]).all()
     assert wvr.render(volume, size=SIZE).rgba[..., 3].max() > 0.1
+
+
+@pytest.mark.parametrize("colors", [None, "viridis", ["black", "white"]])
+def test_colours_of_projections_are_over_all_samples_not_over_some(monkeypatch, colors):
+    monkeypatch.setattr("wvr.bricks.stored.PREVIEW", 1000)
+    data = np.zeros((24, 24, 24), np.float32)
+    data[0, 0, 0] = 7
+    volume = wvr.open(data)
+    look = Call(colors, integrator=wvr.Projection("max")).look(volume, SIZE)
+    assert look.transfer_function.knots[[0, -1]].tolist() == [0, 7] and "some" not in vars(volume)
 
 
 def test_ranges_say_what_is_framed():
