@@ -118,7 +118,7 @@ class Preintegrated(Uniform):
     table_size
         Entries along an axis of the table, >= 2. None, the default: two or more a grey level, 257 at least, for integer
         samples of up to 256 levels; one a level for up to 512; else 512, or up to 1024 that have jumps of the transfer
-        function at entries, one or two exactly and more as nearly as can be.
+        function at entries, one exactly, two where half an entry is between them, and more as nearly as can be.
     generator
         ``"incremental"`` (exact, O(n^2)), ``"brute"`` (the same table, O(n^3)) or ``"approximate"`` (attenuation inside
         a segment left out: order 1).
