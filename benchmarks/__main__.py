@@ -13,7 +13,7 @@ from cyclopts.validators import Number
 from matplotlib import rc_context
 from rich.console import Console
 
-from studies.base.harness import RESULTS, STYLE, Settings, markdown, rich_table, save, save_figure
+from studies.base.harness import RESULTS, ROOT, STYLE, Settings, markdown, rich_table, save, save_figure
 from wvr.files import write_text
 
 from . import certified, clipping, cold, kernels, peers, projections, throughput, viewer
@@ -81,7 +81,7 @@ def run(
                 save_figure(figure, out / stem)
                 files.append(out / f"{stem}.png")
         if record is not None:
-            folder = RESULTS / record
+            folder = ROOT / RESULTS / record
             folder.mkdir(parents=True, exist_ok=True)
             for file in files:
                 if file.suffix != ".png" or file.name == RECORDED_CHART:

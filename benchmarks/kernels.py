@@ -20,7 +20,7 @@ from rich.table import Table
 
 import wvr
 from studies.base import cuda, ptx
-from studies.base.harness import RESULTS
+from studies.base.harness import RESULTS, ROOT
 from studies.base.rows import text, write_rows
 from studies.base.scenes import make_scene
 from studies.cuda import rows_of
@@ -72,7 +72,7 @@ def run(*names: str, record: bool = False, out: Path = Path("out/benchmarks")) -
         Folder for the tables.
     """
     console = Console(width=160)
-    folder = RESULTS if record else out
+    folder = ROOT / RESULTS if record else out
     folder.mkdir(parents=True, exist_ok=True)
     grown = []
     tables = {"kernels": (f"Kernels for sm_{cuda.ARCH}", rows_of(cuda.kernels(list(names) or None)))}
@@ -120,9 +120,9 @@ def executed() -> Iterator[Row]:
 
 def recorded(name: str) -> list[Row]:
     """The rows of a record, none where nothing was recorded."""
-    if not (RESULTS / f"{name}.csv").exists():
+    if not (ROOT / RESULTS / f"{name}.csv").exists():
         return []
-    with (RESULTS / f"{name}.csv").open(encoding="utf-8", newline="") as file:
+    with (ROOT / RESULTS / f"{name}.csv").open(encoding="utf-8", newline="") as file:
         return [{k: v if k == "kernel" else float(v) for k, v in row.items() if v} for row in csv.DictReader(file)]
 
 

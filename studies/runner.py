@@ -249,7 +249,7 @@ def _identity(facts: dict[str, Any], quick: bool) -> str:
         path
         for name in SOURCES
         for path in (ROOT / name).rglob("*")
-        if path.suffix in (".py", ".json") and RESULTS not in path.parents
+        if path.suffix in (".py", ".json") and ROOT / RESULTS not in path.parents
     ):
         code.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
     rest = {name: facts[name] for name in ("cpu", "cores", "devices", "python", *PACKAGES)}

@@ -34,7 +34,7 @@ from wvr.launch import get_device
 ROOT = Path(__file__).parents[2]
 # All that results depend on, but for those that are recorded there.
 SOURCES = ("wvr", "kernels", "studies", "benchmarks")
-RESULTS = ROOT / "benchmarks/results"
+RESULTS = Path("benchmarks/results")
 # How a commit ends whose sources are not as committed.
 DIRTY = "-dirty"
 PACKAGES = ("numpy", "scipy", "warp-lang", "vtk", "pyvista", "wvr")
@@ -209,7 +209,7 @@ def _commit() -> str | None:
 
     try:
         commit = git("describe", "--always")
-        return commit + DIRTY * bool(git("status", "--porcelain", "--", *SOURCES, f":!{RESULTS.relative_to(ROOT)}"))
+        return commit + DIRTY * bool(git("status", "--porcelain", "--", *SOURCES, f":!{RESULTS.as_posix()}"))
     except (OSError, subprocess.CalledProcessError):
         return None
 

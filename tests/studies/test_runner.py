@@ -149,6 +149,9 @@ def test_a_commit_is_that_of_the_sources(tmp_path, monkeypatch):
         subprocess.run(["git", *who, *command], cwd=tmp_path, check=True)
     clean = harness.machine()["commit"]
     (tmp_path / "docs.md").write_text("text")
+    # Nor are benchmarks' results a source of others.
+    (tmp_path / "benchmarks/results").mkdir(parents=True)
+    (tmp_path / "benchmarks/results/cold.json").write_text("{}")
     assert harness.machine()["commit"] == clean and not clean.endswith("-dirty")
     (tmp_path / "wvr" / "new.py").write_text("2")
     assert harness.machine()["commit"] == f"{clean}-dirty"
