@@ -14,6 +14,8 @@ vec5d = wp.types.vector(5, wp.float64)
 vec8d = wp.types.vector(8, wp.float64)
 # What is off where numbers underflow, of a scalar along a ray, in cells however long (docs/proof.md, lemma 4).
 DENORMAL = wp.constant(wp.float64(1e-120))
+# And a few numbers, of lengths of order one.
+UNDERFLOW = wp.constant(wp.float64(2.0**-1066))
 
 
 @cache

@@ -9,6 +9,7 @@ from functools import cache
 import warp as wp
 
 from ..field.blocks import BITS
+from ..field.cell import UNDERFLOW
 from ..field.walk import make_walk
 from ..transfer.function import make_transfer
 from .found import Found
@@ -101,7 +102,7 @@ def make_told(halves):
         sums = scene.march
         if found.length > wp.float64(0.0):
             # Of each step's product, which may underflow.
-            tiny = wp.float64(wp.static(2.0**-1066)) * wp.float64(found.count)
+            tiny = UNDERFLOW * wp.float64(found.count)
             # Sums of as many numbers as there are steps, and each of a few products.
             ulps = wp.float64(2 * found.count + 512) * wp.float64(wp.static(2.0**-53))
             off = sums.off + sums.range * wp.float64(3.0) * scene.view.astray + ulps * sums.largest
@@ -115,7 +116,7 @@ def make_told(halves):
                 found.value *= sums.unit
                 found.bound = sums.unit * (off * found.length + sums.largest * found.loose + tiny)
                 # A unit of length may be so small that products with it underflow.
-                found.bound += wp.float64(wp.static(2.0**-1066))
+                found.bound += UNDERFLOW
             q = classify(sums.colors, found.value)
             found.rgba = wp.vec4d(q[0], q[1], q[2], wp.float64(1.0))
         else:

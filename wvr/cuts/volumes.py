@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..field.base import TINY, Field
+from ..field.base import Field
 from ..field.blocks import Ranges
 from ..field.samples import Data, samples_struct
 from ..keep import Keeper, Part
@@ -17,6 +17,7 @@ from ..kernels.cuts.partial import PARTS
 from ..kernels.cuts.shapes import KINDS
 from ..kernels.cuts.shapes import Clip as ClipStruct
 from ..kernels.cuts.volumes import make_clipping
+from ..kernels.field.cell import UNDERFLOW
 from ..validation import choice, define, real
 from ..volume import Volume
 from .base import Clip, Shape
@@ -169,7 +170,7 @@ def clipping_struct(
             struct.extent = wp.vec2d(high - low, max(abs(low), abs(high)))
             # Coefficients of a cubic count up to three lengths of a ray in a cell.
             edges = float(np.linalg.norm(own[:3, :3], axis=0).sum()) / volume.smallest_spacing
-            struct.tiny = TINY * max(1.0, min(edges, volume.longest)) ** 3
+            struct.tiny = float(UNDERFLOW) * max(1.0, min(edges, volume.longest)) ** 3
             struct.low, struct.high = (wp.vec3d(*corner) for corner in clip.volume.index_box)
             name = "naive_volumes" if clip.naive or naive else "partial_volumes" if clip.parts else "volumes"
         else:

@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 
 from ..keep import Keeper, Part
 
-# What a few numbers are off by that underflow.
-TINY = 2.0**-1066
-
 
 class Field(ABC):
     """A scalar field over a box of unit cells in index coordinates.

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 import numpy as np
 import warp as wp
 
-from ..field.base import TINY
 from ..field.blocks import Everything, Ranges
 from ..field.peaks import Peaks
 from ..field.tops import Tops
 from ..keep import Keeper, Part
+from ..kernels.field.cell import UNDERFLOW
 from ..kernels.integrators import extremes, totals
 from ..transfer.function import Transfer
 from ..transfer_function import TransferFunction
@@ -172,7 +172,7 @@ def rounding(scene: Scene) -> float:
     entire = scene.volume.entire
     edges = np.linalg.norm(entire.index_to_world[:3, :3], axis=0)
     # What underflows, times up to three lengths of a ray in a cell.
-    denormal = TINY * float(edges.sum() / edges.min()) ** 3
+    denormal = float(UNDERFLOW) * float(edges.sum() / edges.min()) ** 3
     cells = float(max(entire.shape))
     return 2.0**-48 * max(abs(low), abs(high)) + (2.0**-43 + 6 * 2.0**-52 * cells) * (high - low) + denormal
 

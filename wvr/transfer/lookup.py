@@ -16,7 +16,7 @@ from ..launch import launch
 from ..transfer_function import TransferFunction
 from .function import transfer_values
 from .preintegration import generate, tables_of
-from .running import Cut, vec4_array
+from .running import Cut, jumps_of, vec4_array
 
 
 def on_jumps(tf: TransferFunction, n: int, domain: tuple[float, float]) -> tuple[int, tuple[float, float]]:
@@ -26,8 +26,7 @@ def on_jumps(tf: TransferFunction, n: int, domain: tuple[float, float]) -> tuple
     the segments are.
     """
     low, high = domain
-    jumps = np.unique(tf.knots[1:][np.diff(tf.knots) == 0])
-    jumps = jumps[(jumps >= low) & (jumps <= high)]
+    jumps = jumps_of(tf, domain)
     if not 0 < jumps.size <= n:
         return n, domain
     first, last = float(jumps[0]), float(jumps[-1])

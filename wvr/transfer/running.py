@@ -87,6 +87,12 @@ class RunningIntegrals:
         return tau, start + ((u + v) / 2)[..., None] * slope + ((u * u + u * v + v * v) / 3)[..., None] * curve
 
 
+def jumps_of(tf: TransferFunction, domain: tuple[float, float]) -> NDArray[np.float64]:
+    """The scalars of a domain at which a transfer function jumps, ascending."""
+    jumps = np.unique(tf.knots[1:][np.diff(tf.knots) == 0])
+    return jumps[(jumps >= domain[0]) & (jumps <= domain[1])]
+
+
 class Cut:
     """A transfer function over the n - 1 intervals of a table, cut into pieces at its own knots."""
 
@@ -95,8 +101,7 @@ class Cut:
         self.grid = np.linspace(*domain, n)
         # A jump that is meant to be an entry is one, to the last digit; of points that are only near to each other the
         # lowest would have what is behind the highest.
-        jumps = np.unique(tf.knots[1:][np.diff(tf.knots) == 0])
-        jumps = jumps[(jumps >= domain[0]) & (jumps <= domain[1])]
+        jumps = jumps_of(tf, domain)
         nearest = np.rint((jumps - domain[0]) * ((n - 1) / (domain[1] - domain[0]))).astype(np.int64)
         same = np.abs(self.grid[nearest] - jumps) <= 2.0**-49 * np.abs(domain).max()
         self.grid[nearest[same]] = jumps[same]
