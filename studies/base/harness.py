@@ -336,7 +336,8 @@ def errors_against_time(result: Result) -> Figure:
             if row.group != group:
                 continue
             i = names.index(row.name)
-            style = {"color": COLORS[i % len(COLORS)], "marker": "osD^vP*X"[i % 8], "linestyle": ""}
+            # Seven markers and eight colours: no two of 56 look alike.
+            style = {"color": COLORS[i % len(COLORS)], "marker": "osD^vP*"[i % 7], "linestyle": ""}
             axes.plot(row.wall, row.extra["max error"], label=row.name, **style)
             axes.plot(row.wall, row.extra["mean error"], fillstyle="none", **style)
         axes.set(xscale="log", yscale="log", title=group)
