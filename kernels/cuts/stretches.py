@@ -113,8 +113,10 @@ def make_stretches(halves):
             if wp.static(cuts.clipped):
                 loose = near_surfaces(scene.cuts.clipping, origin, direction, start, stop)
                 bound = most * wp.min(one, scene.march.densest * loose)
+        # A march has counted what is behind only where it ended itself: where the sum is beyond rounding of that.
+        last = opaque + wp.float64(wp.static(2.0**-50))
         t = start
-        while t < stop and ray[3] <= opaque:
+        while t < stop and ray[3] <= last:
             state, until, loose = span(scene, origin, direction, t, stop)
             clear = one - ray[3]
             if wp.static(bounded):

@@ -22,6 +22,7 @@ from ..helpers import (
     assert_certified,
     block,
     centered,
+    constant,
     every_kind,
     max_error,
     middle,
@@ -110,6 +111,22 @@ def test_termination(integrator, blobs):
     whole = wvr.render(*scene, integrator=integrator, clip=clip, termination=0)
     early = wvr.render(*scene, integrator=integrator, clip=clip, termination=0.05)
     assert early.samples.sum() < whole.samples.sum() and 0 < np.abs(early.rgba - whole.rgba).max() <= 0.05
+
+
+def test_a_ray_that_ends_to_rounding_where_a_stretch_does():
+    """Whoever ends it, the march of the stretch or the sum of all, what is behind is in its bound."""
+    volume = wvr.Volume(np.ones((5, 5, 41), np.uint8))
+    gaps = [wvr.ClipBox((x, -1, -1), (x + 1, 5, 5), invert=True) for x in (9, 19)]
+    camera = along(0, center=(20, 2, 2))
+    renderer = wvr.Renderer(volume, tolerance=1e-3, precision="float64", clip=gaps)
+    for opacity in map(float.fromhex, ("0x1.464339f321f6cp-6", "0x1.e02831131b2d2p-7", "0x1.116fb5cbb390fp-6")):
+        depth = -np.log1p(-opacity)
+        renderer.transfer_function = constant(opacity)
+        for ulps in range(-8, 9):
+            renderer.termination = np.exp(-18 * depth) + ulps * 2.0**-53
+            image = renderer.render(camera, (1, 1))
+            error = np.abs(image.rgba[0, 0] + np.expm1(-38 * depth)).max()
+            assert error <= image.error_bound[0, 0], (opacity, ulps)
 
 
 @every_kind
