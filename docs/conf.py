@@ -10,6 +10,7 @@ html_theme = "furo"
 html_title = "wvr"
 myst_heading_anchors = 3
 napoleon_google_docstring = False
+napoleon_use_ivar = True  # fields of tuples are described once
 napoleon_use_rtype = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the signature says them; the text says units and shapes

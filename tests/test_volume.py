@@ -177,12 +177,12 @@ def test_where_it_is_stays():
             setattr(one, name, getattr(one, name))
     with pytest.raises(TypeError):
         labels.transfer_functions[0] = tf
-    for array in (volume.spacing, volume.index_to_world, stored.direction, tf.knots):
+    for array in (volume.spacing, volume.index_to_world, volume.corners, stored.direction, tf.knots):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 2
     for one in (volume, tf, labels):
         pickle.loads(pickle.dumps(one))
     for copied in (lambda one: pickle.loads(pickle.dumps(one)), copy.copy, copy.deepcopy):
-        for array in (copied(volume).spacing, copied(tf).knots):
+        for array in (copied(volume).spacing, copied(volume).index_to_world, copied(volume).corners, copied(tf).knots):
             with pytest.raises(ValueError, match="read-only"):
                 array[0] = 2

@@ -73,15 +73,47 @@ class Call(NamedTuple):
         given = self.transfer_function
         if isinstance(given, TransferFunction) or _are_points(given):
             return False
-        if isinstance(given, str) and (given in PRESETS or given.lower().endswith(".json")):
+        if isinstance(given, str) and given.lower().endswith(".json"):
             return False
         if given is None and isinstance(self.segmentation, Segmentation):
             return False
+        preset = isinstance(given, str) and given in PRESETS
         suggested = isinstance(given, str) and given in SUGGESTED
-        if self.opacity is not None or (not suggested and domain_of(self.integrator, volume) is not None):
+        if preset or self.opacity is not None or (not suggested and domain_of(self.integrator, volume) is not None):
+            # Of floating-point samples the range is asked for in any case.
             ranges = getattr(volume, "ranges", None)
-            return self.clim is None and (ranges is None or not ranges.known.all())
+            return self.clim is None and not volume.shifts and (ranges is None or not ranges.known.all())
         return True
+
+    def looks_at(self, volume: Field) -> tuple[Any, Any]:
+        """By what opacities and colours are chosen, and by what it is known where things are: the volume, or, of one in
+        a store, fewer samples, if there are such or something is to be suggested.
+        """
+        seen: Any = getattr(volume, "preview", None) or volume
+        if not volume.stored or seen is not volume or not self.asks(volume):
+            return seen, seen
+        seen = volume.some
+        # Some of the samples do not say where things are: ranges do, or else the box is framed.
+        return seen, seen if seen.shape == volume.shape else volume
+
+    def function(self, volume: Field, seen: Field) -> tuple[TransferFunction, Suggestion | None]:
+        """The transfer function of a volume of which so much is ``seen``, and the suggestion it is from, if it is."""
+        function, chosen = function_of(self.transfer_function, seen, self.opacity, self.clim, self.integrator)
+        if chosen is not None and seen is not volume and function.unit_distance is None:
+            function = function.per(seen.smallest_spacing)
+        return function.for_volume(volume), chosen
+
+    def lit(self, volume: Field, chosen: Suggestion | None) -> bool:
+        """Whether there are surfaces to light: in the data, or those that the integrator looks for."""
+        method = self.integrator
+        if isinstance(method, Integrator) and method.surfaces is not None:
+            return method.surfaces
+        return chosen is not None and chosen.surfaces and not volume.stored
+
+    def behind(self, seen: Field, chosen: Suggestion | None) -> Any:
+        """The background, where none is given that of opacities that are suggested, or of values."""
+        plain = self.transfer_function is None and domain_of(self.integrator, seen) is not None
+        return BACKGROUND if self.background is None and (chosen is not None or plain) else self.background
 
     def look(self, volume: Field, size: tuple[int, int]) -> Look:
         """For a volume and so many pixels.
@@ -97,31 +129,19 @@ class Call(NamedTuple):
         placed: Any = volume
         if not (isinstance(self.transfer_function, TransferFunction) and isinstance(self.camera, Camera)):
             volume.look()
-            # What is in a store is looked at in fewer samples, if there are such or something is to be suggested.
-            seen = placed = getattr(volume, "preview", None) or volume
-            if volume.stored and seen is volume and self.asks(volume):
-                seen = volume.some
-                # Some of the samples do not say where things are: ranges do, or else the box is framed.
-                placed = seen if seen.shape == volume.shape else placed
-        method = self.integrator
+            seen, placed = self.looks_at(volume)
         segmentation: Any = self.segmentation
         own = isinstance(segmentation, Segmentation)
         if self.transfer_function is not None or not own:
-            function, chosen = function_of(self.transfer_function, seen, self.opacity, self.clim, method)
-            if chosen is not None and seen is not volume and function.unit_distance is None:
-                function = function.per(seen.smallest_spacing)
-            function = function.for_volume(volume)
-        shown: Any = None if function is None else framed_by(method, function)
+            function, chosen = self.function(volume, seen)
+        shown: Any = None if function is None else framed_by(self.integrator, function)
         if segmentation is not None:
             segmentation = segmentation if own else segmentation_of(segmentation, function)
             shown = segmentation.for_volume(volume)
         camera = camera_of(self.camera, placed, shown, size[0] / size[1], clip_list(self.clip))
-        surfaces = has_surfaces(method, chosen) and (not volume.stored or has_surfaces(method, None))
-        lighting = lighting_of(self.lighting, surfaces, camera)
-        plain = self.transfer_function is None and domain_of(method, seen) is not None
-        suggested = chosen is not None or plain
-        background = BACKGROUND if self.background is None and suggested else self.background
-        return Look(function, camera, lighting, shadows_of(self.shadows, lighting, camera), background, segmentation)
+        lighting = lighting_of(self.lighting, self.lit(volume, chosen), camera)
+        shadows = shadows_of(self.shadows, lighting, camera)
+        return Look(function, camera, lighting, shadows, self.behind(seen, chosen), segmentation)
 
 
 def domain_of(integrator: Integrator | None, volume: Field) -> tuple[float, float] | None:
@@ -132,13 +152,6 @@ def domain_of(integrator: Integrator | None, volume: Field) -> tuple[float, floa
 def framed_by(integrator: Integrator | None, tf: TransferFunction) -> TransferFunction:
     """What is seen of a transfer function."""
     return integrator.framed(tf) if isinstance(integrator, Integrator) else tf
-
-
-def has_surfaces(integrator: Integrator | None, chosen: Suggestion | None) -> bool:
-    """Whether there are surfaces to light: in the data, or those that an integrator looks for."""
-    if isinstance(integrator, Integrator) and integrator.surfaces is not None:
-        return integrator.surfaces
-    return chosen is not None and chosen.surfaces
 
 
 def function_of(

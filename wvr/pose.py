@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -29,10 +30,29 @@ class Fixed:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        # Copies of arrays can be written into.
-        for name in self.fixed:
-            if isinstance(array := vars(self).get(name), np.ndarray):
-                array.flags.writeable = False
+        # Copies of arrays can be written into: those, and what was made of them.
+        for name, value in state.items():
+            derived = isinstance(getattr(type(self), name, None), cached_property)
+            if isinstance(value, np.ndarray) and (derived or name in self.fixed):
+                value.flags.writeable = False
+
+
+class Posed(Fixed):
+    """A grid in the world."""
+
+    fixed = ("spacing", "origin", "direction")
+    spacing: NDArray[np.float64]
+    origin: NDArray[np.float64]
+    direction: NDArray[np.float64]
+
+    @cached_property
+    def index_to_world(self) -> NDArray[np.float64]:
+        """4 x 4 affine map from sample indices (i, j, k) along x, y, z to world coordinates."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.direction * self.spacing
+        matrix[:3, 3] = self.origin
+        matrix.flags.writeable = False
+        return matrix
 
 
 def pose_of(

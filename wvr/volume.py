@@ -27,7 +27,7 @@ from .keep import Keeper
 from .kernels.field.grid import Grid
 from .launch import get_device
 from .memory import free_host_memory, gib
-from .pose import Fixed, pose_of
+from .pose import Posed, pose_of
 from .samples import DTYPES, NanPolicy, times_power
 from .validation import any_array, choice, outside
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 Axes = Literal["zyx", "xyz"]
 
 
-class Volume(Fixed, Field):
+class Volume(Posed, Field):
     """Scalar samples ``array[z, y, x]`` and their place in the world.
 
     The world position of sample ``(i, j, k)`` along x, y, z is ``origin + direction @ (spacing * (i, j, k))``.
@@ -77,7 +77,6 @@ class Volume(Fixed, Field):
     Volume(x=4, y=3, z=2, uint8, spacing=(1.0, 1.0, 2.5))
     """
 
-    fixed = ("spacing", "origin", "direction")
     #: How often samples changed.
     version: int
     #: Where world x, y, z run in a patient, as the file says: ``"LPS"`` (towards left, back, head: DICOM, some NRRD),
@@ -130,15 +129,6 @@ class Volume(Fixed, Field):
         """The samples' own dtype."""
         # Of samples on another device, without a copy of them.
         return self._data.dtype if isinstance(self._data, np.ndarray) else np.dtype(wp.dtype_to_numpy(self._data.dtype))
-
-    @cached_property
-    def index_to_world(self) -> NDArray[np.float64]:
-        """4 x 4 affine map from sample indices (i, j, k) along x, y, z to world coordinates."""
-        matrix = np.eye(4)
-        matrix[:3, :3] = self.direction * self.spacing
-        matrix[:3, 3] = self.origin
-        matrix.flags.writeable = False
-        return matrix
 
     @cached_property
     def has_nonfinite(self) -> bool:

@@ -7,6 +7,7 @@ import pickle
 import shutil
 import threading
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import wvr
 from wvr.bricks import ranges, stored
 from wvr.bricks.grid import Bricks
 from wvr.bricks.pieces import Pieces
+from wvr.bricks.sampled import blocks_that_fit
 from wvr.defaults import Call
 from wvr.framing import visible_points
 
@@ -401,6 +403,30 @@ def test_a_store_of_one_level_is_suggested_for(monkeypatch):
     assert some.numpy().size <= DATA.size // 2 and np.allclose(some.corners, WHOLE.corners)
     assert np.isin(some.numpy()[:8, :8, :8], DATA[:8, :8, :8]).all()
     assert wvr.render(volume, size=SIZE).rgba[..., 3].max() > 0.1
+
+
+def test_presets_on_a_relative_scale_span_the_samples_not_what_their_type_holds():
+    data = (np.indices((12, 12, 12)).sum(0) * 90).astype(np.uint16)
+    known = wvr.build_ranges(wvr.open(data))
+    for volume in (wvr.open(data), known, wvr.open(data.astype(np.float32))):
+        tf = Call("mri").look(volume, SIZE).transfer_function
+        assert tf == wvr.TransferFunction.preset("mri", (0, 2970))
+    assert "some" not in vars(known) and not Call("mri", clim=(0, 1)).asks(wvr.open(data))
+
+
+@pytest.mark.parametrize("counts", [(5000, 1, 1), (40, 30, 20), (3, 3, 3), (1, 1, 1)])
+@pytest.mark.parametrize("share", [2.0, 0.3, 0.001])
+def test_blocks_that_stand_in_are_as_many_as_fit(counts, share):
+    """And along each axis as large a part of them."""
+    starts = tuple(tuple(range(0, 2 * n + 1, 2)) for n in counts)
+    volume = SimpleNamespace(blocks_along=counts, starts=starts, dtype=np.dtype("u1"))
+    along = blocks_that_fit(volume, int(share * np.prod(counts) * 8))
+    most = share * np.prod(counts)
+    assert np.prod(along) <= max(most, 1) and all(1 <= n <= count for n, count in zip(along, counts, strict=True))
+    longest = max(counts)
+    if along != list(counts):
+        more = [-(-(max(along) + 1) * count // longest) for count in counts]
+        assert np.prod(more) > most
 
 
 @pytest.mark.parametrize("colors", [None, "viridis", ["black", "white"]])

@@ -354,7 +354,7 @@ def test_outputs_are_where_they_were_asked_for(run, rendered):
         ("render spheres --tf mri --domain 1,0", 2, "clim must be"),
         ("render spheres --direction 1,2", 2, "--direction must be numbers"),
         ("render spheres --direction 0,0,0", 2, "direction must not be zero"),
-        ("render spheres --up w", 2, "--up must be numbers"),
+        ("render spheres --up w", 2, "--up must be numbers such as 0,0,1 or an axis such as -z, got 'w'"),
         ("render spheres --camera 1,2,3", 2, "--camera must be numbers"),
         ("render spheres --camera 1,2,3,4,5,6 --direction 1,0,0", 2, "not both"),
         ("render spheres --view-angle 180", 2, "view_angle"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import wvr
-from wvr.cli.options import transfer_function_of
+from wvr.cli.options import function_of
 from wvr.presets import suggest
 
 from .helpers import SIZE, spheres
@@ -47,7 +47,7 @@ def test_suggestions_can_be_pasted_and_saved(run):
     assert code == 0 and "direction" not in out
     scalars = np.linspace(*volume.range, 1001)
     for name, tf in suggest(volume).items():
-        pasted = transfer_function_of(lines(out)[name], None, None, None, volume)[0]
+        pasted = function_of(lines(out)[name], None)
         np.testing.assert_allclose(pasted.extinction(scalars), tf.extinction(scalars), rtol=2e-3, atol=1e-4)
         np.testing.assert_allclose(pasted.color(scalars), tf.color(scalars), atol=5e-3)
     assert wvr.TransferFunction.load("a.json") == suggest(volume)["surfaces"]

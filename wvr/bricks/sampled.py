@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,13 +21,7 @@ def sampled(volume: StoredVolume, most: int) -> Volume:
     Such blocks are put side by side and stretched over those that were left out: the box is the same, and what is in
     it, is at most as far from its place as blocks are apart.
     """
-    along = list(volume.blocks_along)
-    while math.prod(_samples(volume, axis, n) for axis, n in enumerate(along)) * volume.dtype.itemsize > most:
-        # As many are left out along each axis, as far as it has some.
-        axis = max(range(3), key=lambda a: along[a] / volume.blocks_along[a] if along[a] > 1 else 0.0)
-        if along[axis] == 1:
-            break
-        along[axis] -= 1
+    along = blocks_that_fit(volume, most)
     picked = [_picked(volume, axis, n) for axis, n in enumerate(along)]
     ends = [np.cumsum([0, *(volume.starts[a][i + 1] - volume.starts[a][i] for i in picked[a])]) for a in range(3)]
     samples = np.empty([int(end[-1]) for end in reversed(ends)], volume.dtype)
@@ -46,6 +41,21 @@ def sampled(volume: StoredVolume, most: int) -> Volume:
     result = Volume(samples, volume.spacing * stretch, volume.origin, volume.direction, volume.nan)
     result.anatomical = volume.anatomical
     return result
+
+
+def blocks_that_fit(volume: StoredVolume, most: int) -> list[int]:
+    """How many blocks there is room for along x, y, z: along each axis the same share of them, one at least."""
+    counts = volume.blocks_along
+    longest = max(counts)
+
+    def of(number: int) -> list[int]:
+        return [-(-number * count // longest) for count in counts]
+
+    def too_many(number: int) -> bool:
+        samples = math.prod(_samples(volume, axis, count) for axis, count in enumerate(of(number)))
+        return samples * volume.dtype.itemsize > most
+
+    return of(bisect_left(range(2, longest + 1), True, key=too_many) + 1)
 
 
 def _picked(volume: StoredVolume, axis: int, count: int) -> list[int]:

@@ -17,7 +17,7 @@ from ..field.base import Field
 from ..keep import Keeper
 from ..kernels.field.grid import Grid
 from ..memory import free_host_memory, gib
-from ..pose import Fixed, pose_of
+from ..pose import Posed, pose_of
 from ..samples import DTYPES, NanPolicy, times_power
 from ..validation import choice
 from ..volume import Volume
@@ -108,7 +108,7 @@ class Samples:
         return np.ascontiguousarray(part, self.dtype)
 
 
-class StoredVolume(Fixed, Field):
+class StoredVolume(Posed, Field):
     """Scalar samples in a store and their place in the world: what :func:`wvr.open` returns.
 
     It is rendered in bricks, one for each block of its chunks, those that are seen, read while others are rendered.
@@ -130,7 +130,6 @@ class StoredVolume(Fixed, Field):
     """
 
     stored = True
-    fixed = ("spacing", "origin", "direction")
     #: Files that were read as a whole.
     files: tuple[Path, ...] = ()
 
@@ -166,14 +165,6 @@ class StoredVolume(Fixed, Field):
     def dtype(self) -> np.dtype:
         """Of samples as they are read."""
         return np.dtype("float64") if self.exponent else self.samples.dtype
-
-    @cached_property
-    def index_to_world(self) -> NDArray[np.float64]:
-        matrix = np.eye(4)
-        matrix[:3, :3] = self.direction * self.spacing
-        matrix[:3, 3] = self.origin
-        matrix.flags.writeable = False
-        return matrix
 
     @property
     def starts(self) -> tuple[tuple[int, ...], ...]:

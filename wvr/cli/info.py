@@ -24,7 +24,7 @@ def info(
     /,
     *,
     histogram: Annotated[bool, Parameter(negative="")] = False,
-    save_tf: tuple[str, Path] | None = None,
+    save_tf: Annotated[tuple[str, Path] | None, Parameter(negative="")] = None,
     reading: Input = Input(),  # noqa: B008 - frozen
 ) -> None:
     """Describe a volume and suggest transfer functions for it.

@@ -9,17 +9,20 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from ..defaults import BACKGROUND, domain_of, has_surfaces
+from ..defaults import Call
 from .options import (
     Vector,
     Vectors,
     clips_of,
+    function_of,
     labels_of,
     lighting_of,
     method_of,
+    numbers,
+    renamed,
     shadows_of,
     size_of,
-    transfer_function_of,
+    strengths_of,
 )
 
 if TYPE_CHECKING:
@@ -28,10 +31,13 @@ if TYPE_CHECKING:
 
 
 class Wanted(NamedTuple):
-    """What a command line says of a volume: keywords of :func:`wvr.render`, and the files of labels."""
+    """What a command line says of a volume: keywords of :func:`wvr.render`, the files of labels, and what says where
+    in the volume things are.
+    """
 
     keywords: dict[str, Any]
     files: tuple[Path, ...]
+    placed: Any
 
 
 @Parameter(name="*")
@@ -138,18 +144,19 @@ class Look:
 
     def of(self, volume: Volume | StoredVolume, keywords: dict[str, Any]) -> Wanted:
         """The same with what depends on the volume."""
-        method = keywords["integrator"]
-        # What is in a store is looked at in fewer samples, if there are such.
-        seen: Any = getattr(volume, "preview", None) or volume
-        function, chosen = transfer_function_of(self.tf, self.cmap, self.opacity, self.clim, seen, method)
-        if chosen is not None and seen is not volume and function.unit_distance is None:
-            function = function.per(seen.smallest_spacing)
-        function = function.for_volume(volume)
+        call = Call(
+            function_of(self.tf, self.cmap),
+            opacity=strengths_of(self.opacity),
+            clim=None if self.clim is None else numbers(self.clim, "--clim", "0,255"),
+            background=self.background,
+            integrator=keywords["integrator"],
+        )
+        with renamed():
+            seen, placed = call.looks_at(volume)
+            function, chosen = call.function(volume, seen)
         segmentation, files = (None, ()) if self.labels is None else labels_of(self.labels, function)
         found = keywords | {"transfer_function": function, "segmentation": segmentation}
-        plain = self.tf is None and self.cmap is None and domain_of(method, seen) is not None
-        if chosen is not None or plain:
-            surfaces = has_surfaces(method, chosen) and not volume.stored
-            found["lighting"] = surfaces if keywords["lighting"] is None else keywords["lighting"]
-            found["background"] = BACKGROUND if self.background is None else self.background
-        return Wanted(found, files)
+        found["background"] = call.behind(seen, chosen)
+        if keywords["lighting"] is None:
+            found["lighting"] = call.lit(volume, chosen) or None
+        return Wanted(found, files, placed)

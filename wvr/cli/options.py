@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from ..integrators import Integrator
     from ..light.lighting import Lighting
     from ..light.shadows import ConvolutionShadows
-    from ..suggest import Suggestion
     from ..transfer_function import TransferFunction
     from ..views import View
     from ..volume import Volume
@@ -127,13 +127,18 @@ def clips_of(planes: list[str] | None, boxes: list[str] | None, balls: list[str]
     ]
 
 
+def upward_of(text: str | None) -> tuple[Any, ...]:
+    """What --up means; by default z."""
+    return AXES.get(text or "z") or numbers(text or "", "--up", "0,0,1 or an axis such as -z")
+
+
 def view_of(volume: Volume, direction: str | None, up: str | None) -> View:
     """Where it is seen from: as suggested, but for what is given."""
     from ..views import View, suggested_view
 
     if direction is None and up is None:
         return suggested_view(volume)
-    upward = (0.0, 0.0, 1.0) if up is None else AXES.get(up) or numbers(up, "--up", "0,0,1")
+    upward = upward_of(up)
     towards = _default_direction(upward) if direction is None else numbers(direction, "--direction", "1,0.6,0.4")
     if not np.any(towards):
         raise ValueError(f"direction must not be zero, got {direction!r}")
@@ -169,7 +174,7 @@ def camera_of(
             view = view._replace(up=view_of(volume, None, up).up)
         return framed(visible_points(volume, shown, clips), *view, view_angle, aspect, parallel)
     at = numbers(camera, "--camera", "300,200,100,0,0,0")
-    upward = AXES.get(up or "z") or numbers(up or "", "--up", "0,0,1")
+    upward = upward_of(up)
     perspective = Camera(at[:3], at[3:], upward, view_angle)
     if not parallel:
         return perspective
@@ -210,37 +215,36 @@ def method_of(integrator: str | None, projection: str | None, isosurface: str | 
     return None if integrator is None else integrator_of(integrator)
 
 
-def transfer_function_of(
-    text: str | None,
-    cmap: str | None,
-    opacity: str | None,
-    clim: str | None,
-    volume: Volume,
-    method: Integrator | None = None,
-) -> tuple[TransferFunction, Suggestion | None]:
-    """What --tf, --cmap, --opacity and --clim mean, and the suggestion that it is from, if it is."""
-    from ..defaults import function_of
+def function_of(text: str | None, cmap: str | None) -> Any:
+    """What --tf or --cmap mean, as :func:`wvr.render` takes it."""
     from ..transfer_function import TransferFunction
 
     if text is not None and cmap is not None:
         raise ValueError(f"give --tf or --cmap, not both, got {text!r} and {cmap!r}")
-    limits = None if clim is None else numbers(clim, "--clim", "0,255")
-    strengths: Any = opacity
-    if opacity is not None and re.match(r"[-+.\d]", opacity):
-        try:
-            strengths = [float(part) for part in opacity.split(",")]
-        except ValueError:
-            raise ValueError(f"--opacity must be a name or numbers such as 0,0.2,0.9, got {opacity!r}") from None
-        strengths = strengths[0] if len(strengths) == 1 else strengths
-    given: Any = text
     if text is not None and ":" in text:
-        given = TransferFunction([tuple(part.split(":")) for part in text.split(",")])  # type: ignore[misc]
-    elif cmap is not None:
-        given = cmap.split(",") if "," in cmap else _checked_colormap(cmap)
+        return TransferFunction([tuple(part.split(":")) for part in text.split(",")])  # type: ignore[misc]
+    if cmap is None:
+        return text
+    return cmap.split(",") if "," in cmap else _checked_colormap(cmap)
+
+
+def strengths_of(opacity: str | None) -> Any:
+    """What --opacity means: a name, a number or several."""
+    if opacity is None or not re.match(r"[-+.\d]", opacity):
+        return opacity
     try:
-        return function_of(given, volume, strengths, limits, method)
+        strengths = [float(part) for part in opacity.split(",")]
+    except ValueError:
+        raise ValueError(f"--opacity must be a name or numbers such as 0,0.2,0.9, got {opacity!r}") from None
+    return strengths[0] if len(strengths) == 1 else strengths
+
+
+@contextmanager
+def renamed() -> Iterator[None]:
+    """Errors of transfer functions call arguments by the names that they have here."""
+    try:
+        yield
     except (TypeError, ValueError) as error:
-        # By the names that they have here.
         message = re.sub("^transfer_function must", "--tf must", str(error))
         message = message.replace(
             '"viridis", clim=(0, 255), opacity="linear"', "--cmap viridis --clim 0,255 --opacity linear"

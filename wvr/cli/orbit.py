@@ -53,7 +53,7 @@ def orbit(
         output = Path("orbit.mp4" if find_spec("imageio_ffmpeg") else "orbit.gif")
     with Stages() as stage, streaming.client() as client:
         volume = streaming.load(source, look.nan, reading) or reading.load(source, look.nan, stage)
-        keywords, read = look.of(volume, keywords)
+        keywords, read, _ = look.of(volume, keywords)
         check_kept(output, volume.files + read)
         stage("rendering")
         way: Any = {"frames": frames, "fps": fps, "elevation": elevation, "turn": turn}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -65,13 +65,12 @@ def render(
         _check_output(output, look.background)
     with Stages() as stage, streaming.client() as client:
         volume = streaming.load(source, look.nan, reading) or reading.load(source, look.nan, stage)
-        keywords, read = look.of(volume, keywords)
+        keywords, read, placed = look.of(volume, keywords)
         if not piped:
             check_kept(output, volume.files + read, source)
         lens = Lens(view_angle, parallel, width / height)
         shown = keywords["segmentation"] or framed_by(keywords["integrator"], keywords["transfer_function"])
-        seen: Any = getattr(volume, "preview", None) or volume
-        view = camera_of(seen, shown, keywords["clip"], (camera, direction, up), lens)
+        view = camera_of(placed, shown, keywords["clip"], (camera, direction, up), lens)
         stage("rendering")
         image = wvr.render(volume, camera=view, **keywords, **streaming.options(client), progress=stage.share)
         stage(f"writing {output}")

@@ -57,7 +57,7 @@ def view(
         opened = [stores.load(source, look.nan, reading) or reading.load(source, look.nan, stage) for source in sources]
         stage("reading")
         volumes: list[Any] = [volume.loaded() if isinstance(volume, StoredVolume) else volume for volume in opened]
-        keywords, _ = look.of(volumes[0], keywords)
+        keywords = look.of(volumes[0], keywords).keywords
         del keywords["size"]
         token = os.environ.get("WVR_VIEW_TOKEN") or None
         viewer = wvr.view(volumes, port=port, open_browser=False, token=token, **keywords)

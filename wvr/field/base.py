@@ -97,7 +97,9 @@ class Field(ABC):
         """The box's eight corners in world coordinates, shape (8, 3), x fastest."""
         lo, hi = self.index_box
         pick = np.array([[(c >> a) & 1 for a in range(3)] for c in range(8)])
-        return np.where(pick, hi, lo) @ self.index_to_world[:3, :3].T + self.index_to_world[:3, 3]
+        corners = np.where(pick, hi, lo) @ self.index_to_world[:3, :3].T + self.index_to_world[:3, 3]
+        corners.flags.writeable = False
+        return corners
 
     @cached_property
     def longest(self) -> float:
