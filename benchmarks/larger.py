@@ -67,8 +67,8 @@ def make(folder: Path, size: int) -> Path:
     )
     for n, pattern in enumerate(patterns()):
         for copy in range(COPIES):
-            at = (n * COPIES + copy) * CHUNK
-            seeds[at : at + CHUNK] = np.roll(pattern, (17 * copy, 29 * copy, 41 * copy), (0, 1, 2))
+            start = (n * COPIES + copy) * CHUNK
+            seeds[start : start + CHUNK] = np.roll(pattern, (17 * copy, 29 * copy, 41 * copy), (0, 1, 2))
     store = folder / "large.zarr"
     array = zarr.create_array(store, shape=(size,) * 3, chunks=(CHUNK,) * 3, dtype="u1")
     count = size // CHUNK

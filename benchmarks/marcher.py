@@ -83,7 +83,7 @@ def _seen(samples: NDArray[np.uint8], visible: NDArray[np.bool_]) -> NDArray[np.
     inner = tuple(slice(0, n - 1) for n in samples.shape)
     padded[inner] = cells[inner]
     blocks = padded.reshape(shape[0] // BLOCK, BLOCK, shape[1] // BLOCK, BLOCK, shape[2] // BLOCK, BLOCK)
-    return blocks.any(axis=(1, 3, 5)).astype(np.uint8) * 255
+    return np.where(blocks.any(axis=(1, 3, 5)), np.uint8(255), np.uint8(0))
 
 
 def _library(folder: Path) -> Any:

@@ -128,7 +128,7 @@ def piece(seed: int, pixels: int) -> tuple[Adversary, float]:
     samples[0, 0, 0], samples[1, 1, 1] = 0, 1
     spacing = 10.0 ** rng.uniform(-0.5, 0.5, 3)
     volume = wvr.Volume(samples, spacing)
-    opacity = rng.permutation([rng.choice([0.0, rng.random()]), 0.5])
+    opacity = rng.permutation(np.array([rng.choice([0.0, rng.random()]), 0.5]))
     depth = 10 ** rng.uniform(-7, 3)
     unit = float(np.log(2) * np.linalg.norm(spacing) / depth)
     tf = wvr.TransferFunction.from_arrays([0, 1], rng.random((2, 3)), opacity, unit)

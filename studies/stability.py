@@ -406,7 +406,7 @@ def impossible(image: wvr.Image, case: Case, exact: wvr.Image) -> tuple[int, int
         brightest = (light.ambient + n * light.diffuse) * brightest + n * light.specular
     highest = np.concatenate([rgba[..., 3:] * brightest, np.ones_like(rgba[..., 3:])], axis=-1) + tiny
     outside = (rgba < -tiny) | (rgba > highest)
-    over = np.zeros(1)
+    over: NDArray = np.zeros(1)
     if image.error_bound is not None:
         bound = slice(3, 4) if case.options.keys() & {"lighting", "shadows"} else slice(4)
         over = np.abs(rgba - exact.rgba)[..., bound].max(axis=-1) > image.error_bound

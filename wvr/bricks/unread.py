@@ -38,13 +38,13 @@ class Looks:
     def of(cls, scene: Scene, ranges: Floats) -> Looks:
         """Of bricks of samples in ``ranges``, (n, 2)."""
         looks = [_looks(tf, scene.unit, ranges) for tf in scene.functions]
-        least = np.min([one.least for one in looks], axis=0)
+        least = np.stack([one.least for one in looks]).min(axis=0)
         partly = scene.clips or scene.segmentation is not None or not getattr(scene.volume.half, "finite", True)
         if partly:
             # Cut away, of a label without a transfer function, or absent.
             least = np.zeros_like(least)
-        most = np.max([one.most for one in looks], axis=0)
-        low, high = np.min([one.low for one in looks], axis=0), np.max([one.high for one in looks], axis=0)
+        most = np.stack([one.most for one in looks]).max(axis=0)
+        low, high = np.stack([one.low for one in looks]).min(axis=0), np.stack([one.high for one in looks]).max(axis=0)
         low, high = np.where(np.isfinite(low), low, 0.0), np.where(np.isfinite(high), high, 0.0)
         return cls(least, most, low, high)
 

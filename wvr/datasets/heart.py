@@ -20,7 +20,7 @@ def heart(size: int, phase: float = 0.0, seed: int = 1) -> NDArray:
     z, y, x = axes(size)
     voxel = np.float32(2 / (size - 1))
 
-    def spheroid(center: tuple[float, float, float], across: float, along: float) -> NDArray[np.float32]:
+    def spheroid(center: tuple[float, float, float], across: float, along: float) -> NDArray:
         """Depth below the surface, exact in first order."""
         p, q, r = ((a - np.float32(c)) for a, c in zip((x, y, z), center, strict=True))
         radius = np.sqrt((p * p + q * q) / np.float32(across**2) + r * r / np.float32(along**2))

@@ -221,7 +221,7 @@ class Stream(Protocol):
 
 def fill(array: NDArray, stream: Stream) -> None:
     """All bytes of an array from a stream."""
-    view: Any = memoryview(array.reshape(-1).view(np.uint8))  # type: ignore[arg-type]
+    view: Any = array.reshape(-1).view(np.uint8).data
     done = 0
     while done < len(view):
         part = stream.read(min(len(view) - done, 1 << 20))

@@ -279,7 +279,7 @@ def _unpacked(document: Document, written: Written, dtype: np.dtype, count: int)
     if sum(sizes) != size:
         raise Flaw(f"{count:,} samples of {dtype.name} are {size:,} bytes, its blocks {sum(sizes):,}")
     array = empty((count,), dtype, sum(packed), packing)
-    view, done = memoryview(array.view(np.uint8)), 0  # type: ignore[arg-type]
+    view, done = array.view(np.uint8).data, 0
     content, at = (written.read(end, sum(packed))[0], 0) if written.in_text else (b"", end)
     for length, whole in zip(packed, sizes, strict=True):
         part = unpack(content[at : at + length] if written.in_text else written.read(at, length)[0], whole)
@@ -306,7 +306,7 @@ def _unlz4(data: bytes, size: int) -> Any:
     block = np.empty(size, np.uint8)
     compressor.AddObserver("ErrorEvent", lambda *_: None)  # which it would print
     done = compressor.Uncompress(data, len(data), block, size)
-    return memoryview(block[:done])  # type: ignore[arg-type]
+    return block[:done].data
 
 
 UNPACK: dict[str, tuple[str, Callable[[bytes, int], Any]]] = {
