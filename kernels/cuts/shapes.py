@@ -109,18 +109,21 @@ def box_surface(p: wp.vec3d):
 
 @wp.func
 def sphere_span(o: wp.vec3d, d: wp.vec3d, grow: wp.float64):
-    # From the point that is closest to the centre: no cancellation, however far away the ray begins.
-    speed = wp.dot(d, d)
-    closest = -wp.dot(o, d) / speed
-    p = o + closest * d
+    # From the point that is closest to the centre: no cancellation, however far away the ray begins; and by a direction
+    # of order one, whose square is a number however large the sphere.
+    size = wp.max(wp.abs(d))
+    way = d / size
+    speed = wp.dot(way, way)
+    closest = -wp.dot(o, way) / speed
+    p = o + closest * way
     radius = wp.max(wp.float64(1.0) + grow, wp.float64(0.0))
     inside = radius * radius - wp.dot(p, p)
     near = FAR
     far = -FAR
     if inside > wp.float64(0.0):
         half = wp.sqrt(inside / speed)
-        near = closest - half
-        far = closest + half
+        near = (closest - half) / size
+        far = (closest + half) / size
     return near, far
 
 

@@ -201,6 +201,9 @@ def test_a_new_plane_rebuilds_nothing(blobs, device):
         (lambda: wvr.ClipSphere((0, 0, 0), 0), ValueError, "radius must be finite and > 0, got 0"),
         (lambda: wvr.ClipSphere((0, 0, 0), float("nan")), ValueError, "radius must be finite and > 0, got nan"),
         (lambda: wvr.ClipSphere("here", 1), ValueError, "center must be three numbers"),
+        (lambda: wvr.ClipSphere((0, 0, 1e101), 1), ValueError, r"center must be within 1e\+100, got \(0, 0, 1e\+101\)"),
+        (lambda: wvr.ClipSphere((0, 0, 0), 1e101), ValueError, r"radius must be within 1e\+100, got 1e\+101"),
+        (lambda: wvr.ClipPlane((0, 1e308, 0), (0, 1, 1)), ValueError, r"point must be within 1e\+100, got \(0, 1e"),
         (
             lambda: wvr.ClipVolume(np.zeros((2, 2, 2))),
             TypeError,

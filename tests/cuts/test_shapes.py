@@ -2,6 +2,7 @@
 slices.
 """
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -193,3 +194,27 @@ def test_a_box_without_an_end_is_cut_where_it_begins(far):
         theirs = wvr.render(volume, tf, camera, (12, 12), clip=[wvr.ClipPlane(corner, one) for one in planes])
         assert np.abs(ours.rgba - theirs.rgba).max() < 1e-6 and theirs.rgba.max() > 0.1
         assert ours.max_error < 1 / 512
+
+
+@pytest.mark.parametrize("unit", [1e-90, 1.0, 1e90])
+def test_shapes_of_any_size_leave_all_or_nothing(unit):
+    """As far away, as large and as thin as numbers are: what a volume of any unit is wholly in or out of."""
+    volume = wvr.Volume(np.ones((5, 6, 7), np.uint8), (unit,) * 3, (-3.1 * unit, -2.6 * unit, -2.2 * unit))
+    tf = wvr.TransferFunction([(0, "white", 0.1), (2, "white", 0.1)])
+    camera, far = wvr.Camera((9 * unit, 7 * unit, 5 * unit), (0, 0, 0)), np.full(3, 1e100)
+    whole = wvr.render(volume, tf, camera, (6, 5)).rgba
+    for shape, inside in (
+        (wvr.ClipPlane(-far, (1, 2, 3)), True),
+        (wvr.ClipPlane(far, (0, 1e-300, 0)), False),
+        (wvr.ClipSphere((0, 0, 0), 1e100), True),
+        (wvr.ClipSphere(far / 2, 1e100), True),
+        (wvr.ClipSphere(far, 1e100), False),
+        (wvr.ClipSphere(far, 1e-100), False),
+        (wvr.ClipSphere((0, 0, 0), 5e-324), False),
+        (wvr.ClipBox((0, 0, 0), (5e-324, 1e-310, 1e-200)), False),
+        (wvr.ClipBox((0, -1.7e308, -1.7e308), (5e-324, 1.7e308, 1.7e308)), False),
+    ):
+        for invert in (False, True):
+            image = wvr.render(volume, tf, camera, (6, 5), clip=replace(shape, invert=invert))
+            assert np.abs(image.rgba - whole * (inside != invert)).max() < 1e-6, (shape, invert)
+            assert image.max_error < 1 / 512

@@ -10,8 +10,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..kernels.cuts.shapes import BOX, PLANE, SPHERE
 from ..kernels.cuts.shapes import Shape as Half
+from ..pose import FARTHEST
 from ..validation import finite_vector, positive
 from .base import Floats, Shape
+
+# Half the width of a box, at least: one over it, in the largest of grids, is a number.
+THIN = 1e-150
+
+
+def _check_size(value: ArrayLike, name: str) -> None:
+    """Say so where there is more than maps to the clip's own coordinates are made of."""
+    if np.abs(value).max() > FARTHEST:
+        raise ValueError(f"{name} must be within {FARTHEST:g}, got {value!r}")
 
 
 @dataclass(frozen=True)
@@ -33,7 +43,7 @@ class ClipPlane(Shape):
     Raises
     ------
     ValueError
-        For a zero normal, NaN or infinite numbers.
+        For a zero normal, NaN or infinite numbers, a point beyond 1e100.
     """
 
     point: ArrayLike
@@ -44,6 +54,7 @@ class ClipPlane(Shape):
 
     def __post_init__(self) -> None:
         point = finite_vector(self.point, "point", "a point of the plane")
+        _check_size(self.point, "point")
         normal = finite_vector(self.normal, "normal", "a direction that is not zero")
         if not np.any(normal):
             raise ValueError(f"normal must not be zero, got {self.normal!r}")
@@ -89,7 +100,7 @@ class ClipBox(Shape):
         if np.any(lo >= hi):
             raise ValueError(f"lo must be below hi along x, y and z, got lo = {self.lo!r} and hi = {self.hi!r}")
         # Of ends so far apart that their difference is infinite, too.
-        half = hi / 2 - lo / 2
+        half = np.maximum(hi / 2 - lo / 2, THIN)
         self.define(np.diag(1 / half), lo / 2 + hi / 2, lo=lo, hi=hi)
 
     def near(self, points: Floats) -> ClipBox:
@@ -121,7 +132,7 @@ class ClipSphere(Shape):
     Raises
     ------
     ValueError
-        For a radius that is not > 0, NaN or infinite numbers.
+        For a radius that is not > 0, NaN or infinite numbers, a centre or radius beyond 1e100.
     """
 
     center: ArrayLike
@@ -133,7 +144,8 @@ class ClipSphere(Shape):
     def __post_init__(self) -> None:
         center = finite_vector(self.center, "center", "the centre of the sphere")
         radius = positive(self.radius, "radius")
-        self.define(np.eye(3) / radius, center, center=center)
+        _check_size(self.center, "center"), _check_size(self.radius, "radius")
+        self.define(np.eye(3) / max(radius, THIN), center, center=center)
 
     def holds(self, points: Floats) -> NDArray[np.bool_]:
         return np.linalg.norm(points, axis=1) <= 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import hypot
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
@@ -153,7 +154,7 @@ def clipping_struct(
         struct.offset = wp.vec3d(*(matrix @ apart))
         sizes = reach + np.abs(apart)
         rounded = np.abs(matrix) @ (sizes + np.abs(origin)) + 1 if parts is None else parts @ sizes
-        struct.astray = float(np.linalg.norm(2 * astray * np.abs(to_own).sum(axis=1) + ROUNDED * rounded))
+        struct.astray = hypot(*(2 * astray * np.abs(to_own).sum(axis=1) + ROUNDED * rounded))
         return struct
 
     groups: dict[str, list[Any]] = {}
