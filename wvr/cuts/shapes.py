@@ -144,7 +144,8 @@ class ClipSphere(Shape):
     def __post_init__(self) -> None:
         center = finite_vector(self.center, "center", "the centre of the sphere")
         radius = positive(self.radius, "radius")
-        _check_size(self.center, "center"), _check_size(self.radius, "radius")
+        _check_size(self.center, "center")
+        _check_size(self.radius, "radius")
         self.define(np.eye(3) / max(radius, THIN), center, center=center)
 
     def holds(self, points: Floats) -> NDArray[np.bool_]:
