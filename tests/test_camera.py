@@ -225,11 +225,34 @@ def test_from_pyvista_refuses_others():
         ({"view_angle": np.nan}, "view_angle must be"),
         ({"parallel_scale": 0}, "parallel_scale must be finite and > 0, got 0"),
         ({"parallel_scale": np.inf}, "parallel_scale must be"),
+        ({"parallel_scale": 1e200}, r"parallel_scale must be within 1e\+150, got 1e\+200"),
+        ({"target": (1e200, 0, 0)}, r"target must be within 1e\+150, got"),
+        ({"position": (1, -1e151, 0)}, r"position must be within 1e\+150, got"),
     ],
 )
 def test_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         Camera(**{"position": (1, 2, 3), "target": (0, 0, 0), **changes})
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("size", [1e30, 1e80, 1e150])
+def test_as_large_as_cameras_are(size):
+    """Whatever is that far away, the bound is not less than the error."""
+    volume = wvr.Volume(np.random.default_rng(1).integers(0, 255, (4, 5, 6), np.uint8))
+    tf = wvr.TransferFunction([(0, "navy", 0.05), (100, "white", 0.3), (255, "red", 0.7)])
+    near, way = np.array([5.5, 3, 2.5]), np.array([-1.0, 0.2, -0.3])
+    for camera in (
+        Camera(near, near + size * way),
+        Camera(near, near + size * way, parallel_scale=3.0),
+        Camera(near - size * way, near, parallel_scale=3.0),
+        Camera(near - size * way, near + size * way),
+        Camera(near, near + way, parallel_scale=size),
+    ):
+        image = wvr.render(volume, tf, camera, (3, 3))
+        pixel = wvr.enclose(volume, tf, camera, 1, 1, (3, 3))
+        off = np.maximum(pixel.lower - image.rgba[1, 1], image.rgba[1, 1] - pixel.upper).max()
+        assert off <= image.error_bound[1, 1]
 
 
 @pytest.mark.parametrize(

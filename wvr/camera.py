@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 # Pixels along a side of an image that can be counted.
 WIDEST = 2**31 - 1
+# Lengths in the world whose squares are numbers.
+FARTHEST = 1e150
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -47,8 +49,8 @@ class Camera:
     Raises
     ------
     ValueError
-        For numbers that are not finite, a position at the target, an ``up`` that is zero or parallel to the direction
-        of view, a view angle outside (0, 180), or ``parallel_scale`` <= 0.
+        For numbers that are not finite, lengths beyond 1e150, a position at the target, an ``up`` that is zero or
+        parallel to the direction of view, a view angle outside (0, 180), or ``parallel_scale`` <= 0.
     """
 
     position: NDArray[np.float64]
@@ -65,13 +67,16 @@ class Camera:
         view_angle: float = 30.0,
         parallel_scale: float | None = None,
     ):
-        fields = {
+        fields: dict[str, Any] = {
             "position": finite_vector(position, "position", "the camera's place"),
             "target": finite_vector(target, "target", "the point at the image's centre"),
             "up": finite_vector(up, "up", "the upward direction"),
             "view_angle": _view_angle(view_angle),
             "parallel_scale": None if parallel_scale is None else positive(parallel_scale, "parallel_scale"),
         }
+        for name in ("position", "target", "parallel_scale"):
+            if fields[name] is not None and np.abs(fields[name]).max() > FARTHEST:
+                raise ValueError(f"{name} must be within {FARTHEST:g}, got {fields[name]}")
         for name, value in fields.items():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
