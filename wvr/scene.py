@@ -21,6 +21,7 @@ from .kernels.precision import REALS
 from .light.lighting import Lighting
 from .light.shadows import ConvolutionShadows
 from .transfer.function import CLOSEST, Transfer
+from .transfer.lookup import on_jumps
 from .transfer_function import TransferFunction
 from .validation import choice, real
 
@@ -246,20 +247,24 @@ class Scene:
         cells, strides = (False, False) if sweeps else (self.integrator.cells, self.integrator.strides(self))
         return Kinds(self.volume, self.ranges(), functions[0], shift, cells, strides)
 
-    def table_shape(self, size: int | None) -> tuple[int, tuple[float, float]]:
-        """Entries and domain of a table: the volume's range, so that no segment reaches outside."""
-        lo, hi = self.volume.range
-        if lo == hi:
-            lo, hi = lo - 0.5, hi + 0.5
-        levels = int(hi - lo) + 1 if hi - lo < 2**16 else 2**16
-        if size is not None:
-            return int(size), (lo, hi)
-        if self.volume.whole and levels <= 512:
-            # Entries at the grey levels, and halfway: kinks of a table transfer function then lie on entries. Between
-            # few levels there is as much to be seen as between many.
-            gaps = max(levels - 1, 1)
-            return (gaps * max(2, -(-256 // gaps)) + 1 if levels <= 256 else levels), (lo, hi)
-        return 512, (lo, hi)
+    @property
+    def scalars(self) -> tuple[float, float]:
+        """What tables are over: the volume's range, so that no segment reaches outside; one value is in the middle."""
+        low, high = self.volume.range
+        return (low, high) if low < high else (low - 0.5, high + 0.5)
+
+    def table_shape(self, tf: TransferFunction, entries: Literal[256, 512] = 512) -> tuple[int, tuple[float, float]]:
+        """Entries of a table, so many or as many as it takes for a field that stays at a value of its own, and domain.
+
+        Grey levels are entries, where there are not more than 512 of them: between few levels there is as much to be
+        seen as between many. Else jumps of the transfer function are (:func:`wvr.transfer.lookup.on_jumps`).
+        """
+        low, high = self.scalars
+        if not self.volume.whole or high - low >= 512:
+            return on_jumps(tf, entries, (low, high))
+        gaps = int(high - low)
+        each = -(-256 // gaps) if gaps < 128 else entries // 256 if gaps < 256 else 1
+        return gaps * each + 1, (low, high)
 
     def volumes(self) -> list[Any]:
         """All objects with samples that may be written to between frames."""

@@ -449,13 +449,18 @@ def test_leaping_spares_samples(device):
         assert leapt.samples.sum() < 0.1 * whole.samples.sum() and leapt.samples.any()
 
 
-@pytest.mark.parametrize("scale", [1.0, 0.937, 311.3])
-def test_pre_integration_converges_where_a_field_stays_at_a_jump(scale):
-    """Which is a table's entry: beside one, all that lies at the jump is of a mixture of both sides, 0.05 off."""
+@pytest.mark.parametrize(
+    ("scale", "dtype"),
+    [(1.0, "f4"), (0.937, "f4"), (311.3, "f4"), (8, "u1"), (100, "u1"), (300, "u2"), (3000, "u2")],
+)
+def test_pre_integration_converges_where_a_field_stays_at_a_jump(scale, dtype):
+    """Which is a table's entry, of few and of many grey levels: beside one, all that lies at the jump is of a mixture
+    of both sides, 0.05 to 0.6 off.
+    """
     z, y, x = np.indices((16, 16, 16)) - 7.5
     shells = np.clip(np.round(np.sqrt(x * x + y * y + z * z) / 2) * 2, 0, 8) / 8
-    volume = wvr.Volume((scale * shells).astype(np.float32))
-    jump = float(np.float32(scale * 0.5))
+    volume = wvr.Volume((scale * shells).astype(dtype))
+    jump = float((np.full(1, scale * 0.5)).astype(dtype)[0])
     tf = wvr.TransferFunction([(0, "white", 0.02), (jump, "white", 0.02), (jump, "red", 0.3), (scale, "blue", 0.1)])
     camera = wvr.Camera.fit(volume, (1, 0.6, 0.4))
     errors = []

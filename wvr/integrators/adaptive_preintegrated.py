@@ -13,7 +13,7 @@ from ..field.blocks import Octants
 from ..keep import Keeper, Part
 from ..kernels.integrators.adaptive_preintegrated import Half
 from ..transfer.function import transfer_values
-from ..transfer.lookup import Stretchable, on_jumps
+from ..transfer.lookup import Stretchable
 from ..transfer_function import TransferFunction
 from ..validation import below_one, define, positive
 from .base import Integrator
@@ -81,7 +81,7 @@ class AdaptivePreintegrated(Integrator):
         return Half(self._packed(scene))
 
     def numbers(self, scene: Scene, keep: Keeper) -> dict[str, Any]:
-        edges = bins(scene.table_shape(None)[1])
+        edges = bins(scene.scalars)
         numbers = {
             "shortest": self.hmin,
             "tolerance": self.tolerance,
@@ -94,14 +94,11 @@ class AdaptivePreintegrated(Integrator):
         return numbers
 
     def parts(self, scene: Scene) -> dict[str, Part]:
-        return {"changes": Changes(tuple(scene.functions), scene.unit, scene.table_shape(None)[1])}
+        return {"changes": Changes(tuple(scene.functions), scene.unit, scene.scalars)}
 
     def table(self, scene: Scene, tf: TransferFunction) -> Part:
-        n, domain = scene.table_shape(None)
-        # An entry a grey level: what counts beside more exact entries is that they stay in a processor's cache.
-        n = (n + 1) // 2
-        if not scene.volume.whole:
-            n, domain = on_jumps(tf, n, domain)
+        # Half as many as for steps of one length: what counts beside more exact entries is that they stay in a cache.
+        n, domain = scene.table_shape(tf, 256)
         return Stretchable(tf, scene.unit, longest(scene), n, domain, scene.shift, self.precision(scene))
 
     def termination(self, scene: Scene) -> float:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from ..keep import Keeper, Part
 from ..kernels.integrators.uniform import Half
-from ..transfer.lookup import Lookup, on_jumps
+from ..transfer.lookup import Lookup
 from ..transfer.nodes import nodes_array
 from ..transfer_function import TransferFunction
 from ..validation import choice, define, integer, positive
@@ -168,8 +168,6 @@ class Preintegrated(Uniform):
         return {"step": self.shortest, "nodes": nodes_array(self.precision(scene), keep.device)}
 
     def table(self, scene: Scene, tf: TransferFunction) -> Part:
-        n, domain = scene.table_shape(self.table_size)
-        if self.table_size is None and not scene.volume.whole:
-            n, domain = on_jumps(tf, n, domain)
+        n, domain = scene.table_shape(tf) if self.table_size is None else (self.table_size, scene.scalars)
         precision, lit = self.precision(scene), scene.lighting is not None
         return Lookup(tf, scene.unit, self.shortest, n, domain, self.generator, scene.shift, precision, lit)

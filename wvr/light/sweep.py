@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -45,7 +45,7 @@ ALIGNED = 0.5
 MARGIN = 3.0
 # What only a share of an image is made of: transparency that rays end at, and entries of the table.
 ENDING = 0.01
-ENTRIES = 256
+ENTRIES: Final = 256
 
 
 class Shaded(NamedTuple):
@@ -85,7 +85,7 @@ class Sweeping:
     def table(self, scene: Scene, tf: TransferFunction) -> Part | None:
         if not self.shadows.preintegrated:
             return None
-        n, domain = scene.table_shape(None if self.shadows.alone else ENTRIES)
+        n, domain = scene.table_shape(tf) if self.shadows.alone else scene.table_shape(tf, ENTRIES)
         if scene.volume.whole and domain[0] >= 0 and domain[1] <= 255:
             n, domain = (511 if self.shadows.alone else 256), (0.0, 255.0)  # of all volumes of bytes, frame by frame
         length = self.shadows.shortest
