@@ -156,7 +156,7 @@ def test_heart_beats_smoothly_and_speckles():
 def test_names_and_refusals():
     assert datasets.names() == [*datasets.GENERATED, *datasets.DOWNLOADS]
     assert len(set(datasets.names())) == len(datasets.names())
-    with pytest.raises(ValueError, match=r"'marschner_lobb', .*'bonsai', .*got 'bonzai'"):
+    with pytest.raises(ValueError, match=r"'marschner_lobb', .*'bonsai', .*got 'bonzai'; did you mean 'bonsai'"):
         datasets.load("bonzai")
     with pytest.raises(ValueError, match="got 'tree'"):
         datasets.fetch("tree")

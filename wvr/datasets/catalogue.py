@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..memory import free_host_memory, gib
-from ..validation import integer, near, within
+from ..validation import choice, integer, near, within
 from ..volume import Volume
 from .downloads import DOWNLOADS, fetch
 from .fields import blobs, gyroid, marschner_lobb, shepp_logan, spheres, turbulence
@@ -72,8 +72,7 @@ def load(name: str, size: int = 128, **options: Any) -> Volume:
         raise TypeError(f"name must be one of {', '.join(map(repr, names()))}, got {name!r}")
     if name in DOWNLOADS:
         return fetch(name, **options)
-    if name not in GENERATED:
-        raise ValueError(f"name must be one of {', '.join(map(repr, names()))}, got {name!r}")
+    choice(name, "name", names())
     size = integer(size, "size", 2)
     accepted = list(signature(GENERATED[name]).parameters)[1:]
     for option, value in options.items():

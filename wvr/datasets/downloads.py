@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..io import read_raw
-from ..validation import path_of
+from ..validation import choice, path_of
 from ..volume import Volume
 
 URL = "https://klacansky.com/open-scivis-datasets"
@@ -73,9 +73,7 @@ def fetch(name: str, cache: str | os.PathLike[str] | None = None) -> Volume:
     """
     import pooch
 
-    if not isinstance(name, str) or name not in DOWNLOADS:
-        raise ValueError(f"name must be one of {', '.join(map(repr, DOWNLOADS))}, got {name!r}")
-    entry = DOWNLOADS[name]
+    entry = DOWNLOADS[choice(name, "name", list(DOWNLOADS))]
     folder = path_of(cache or os.environ.get("WVR_CACHE") or pooch.os_cache("wvr"), "cache")
     url = f"{os.environ.get('WVR_DATASETS_URL', URL).rstrip('/')}/{entry.file}"
 
