@@ -141,9 +141,9 @@ class Renderer:
 
         Of the volume: ``"volume"`` (brought to the device), ``"ranges"`` (of blocks of cells), ``"peaks"``,
         ``"tops"`` and ``"flat"`` (of projections). Of the transfer function: ``"transfer"``, ``"simplified"``,
-        ``"rows"``, ``"table"``, ``"changes"``. Of both: ``"kinds"`` (which blocks and cells there is something to see
-        in), ``"octants"``. Of clip volumes: ``"clips"``; of labels: ``"labels"``. Where blocks are not known or not
-        skipped, ``"everything"``.
+        ``"rows"``, ``"table"``, ``"extinctions"`` (of a table), ``"changes"``. Of both: ``"kinds"`` (which blocks and
+        cells there is something to see in), ``"octants"``. Of clip volumes: ``"clips"``; of labels: ``"labels"``. Where
+        blocks are not known or not skipped, ``"everything"``.
         """
         return sum((keep.builds for keep in self._keepers.values()), Counter())
 

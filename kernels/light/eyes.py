@@ -15,7 +15,7 @@ from ..field.strides import FULL
 from ..transfer.lookup import make_table
 from ..vectors import VECTORS, wide
 from .between import LIGHT
-from .lanes import ABSORBED, ENTRIES, INSIDE
+from .lanes import ABSORBED, COLUMNS, ENTRIES, EXTINCTIONS, INSIDE, LOOKUP
 from .points import Lights
 from .shine import PLACES
 from .travel import Sweep
@@ -30,37 +30,9 @@ OUTSIDE = 1.0e-3
 # And what it has come to: colour without shadows and with, opacity, and parts that were looked at.
 FOUND = 8
 
-LOOKUP = """
-// Colour times extinction, and that.
-auto looks_up = [&](const int* row, const float* x, vi is, vf* q) {
-    alignas(64) int place[16];
-    *(vi*)place = is ? *(const vi*)row * (int)n + *(const vi*)(row + 1) : first;
-    entry e[16];
-    for (int l = 0; l < 16; ++l) {
-        // Of a row two at a time.
-        const v8f e0 = *(const v8f*)(entries + place[l]), e1 = *(const v8f*)(entries + place[l] + n);
-        const v8f both = e0 + x[l] * (e1 - e0);
-        const entry before = __builtin_shufflevector(both, both, 0, 1, 2, 3);
-        e[l] = before + x[l + 1] * (__builtin_shufflevector(both, both, 4, 5, 6, 7) - before);
-    }
-    // Columns of that.
-#define PAIR2(a, b) __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7)
-#define FOUR(l) JOIN(PAIR2(e[l], e[4 + l]), PAIR2(e[8 + l], e[12 + l]))
-#define LOWS(a, b) __builtin_shufflevector(a, b, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29)
-#define HIGHS(a, b) __builtin_shufflevector(a, b, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31)
-#define EVEN(a, b) __builtin_shufflevector(a, b, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29)
-#define ODD(a, b) __builtin_shufflevector(a, b, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31)
-    const vf h0 = FOUR(0), h1 = FOUR(1), h2 = FOUR(2), h3 = FOUR(3);
-    const vf rg0 = LOWS(h0, h1), rg1 = LOWS(h2, h3), ba0 = HIGHS(h0, h1), ba1 = HIGHS(h2, h3);
-    q[0] = EVEN(rg0, rg1);
-    q[1] = ODD(rg0, rg1);
-    q[2] = EVEN(ba0, ba1);
-    q[3] = ODD(ba0, ba1);
-};
-"""
-
 TASK = """
 const auto& octants = task.octants;
+const auto& pairs = sweep.pairs;
 const wp::vec_t<3, double>&low = task.low, &high = task.high;
 const auto& side = sweep.side.data;
 const int slice = task.slice, turn = task.turn, count = task.count;
@@ -126,12 +98,14 @@ auto trace = [&]() __attribute__((noinline)) {
             p[c] += a * d[c];
             d[c] *= h;
         }
-        vf total = none, behind = scalars(p[0], p[1], p[2]);
+        vi from, to;
+        vf total = none, x = at(scalars(p[0], p[1], p[2]), from);
         for (int m = 0; m < sweep.steps; ++m) {
-            const vf front = behind;
             for (int c = 0; c < 3; ++c) p[c] += d[c];
-            behind = scalars(p[0], p[1], p[2]);
-            total += extinctions(front, behind);
+            const vf y = at(scalars(p[0], p[1], p[2]), to);
+            total += extinctions(from, x, to, y);
+            from = to;
+            x = y;
         }
         const vf D = AT(w.D, l) = b > a ? total * h * back * slant : none;
         const vf s = slot - back / (float)sweep.thickness;
@@ -144,8 +118,8 @@ auto trace = [&]() __attribute__((noinline)) {
             before[n] = light(slices[n], w.place[3][l + n], w.place[4][l + n]);
             after[n] = light(slices[n] + 1, w.place[3][l + n], w.place[4][l + n]);
         }
-        const vf x = D * (float)sweep.thickness / MORE(back, none + LEAST);
-        AT(w.L, l) = MORE(faded(AT(before, 0), AT(after, 0), share, x, none, none), none + LEAST);
+        const vf takes = D * (float)sweep.thickness / MORE(back, none + LEAST);
+        AT(w.L, l) = MORE(faded(AT(before, 0), AT(after, 0), share, takes, none, none), none + LEAST);
     }
     for (int l = 0; l < w.parts; l += 16) {
         alignas(64) float L0[16], D0[16], L1[16], D1[16];
@@ -180,7 +154,7 @@ auto trace = [&]() __attribute__((noinline)) {
 # In lights of the scene, a part in its middle.
 LIT_PART = """
         if (bits(seen)) {
-            const vf m = 0.5f * (a + b), eye[3] = {none + of(14), none + of(15), none + of(16)};
+            const vf m = a + 0.5f * length, eye[3] = {none + of(14), none + of(15), none + of(16)};
             const vf p[3] = {of(0) + m * of(3), of(1) + m * of(4), of(2) + m * of(5)};
             vf I[6];
             intensities(p, eye, I);
@@ -305,17 +279,35 @@ auto look = [&](int l) -> bool {
         *(vf*)(x + i) = at(scalars(of(0) + t * of(3), of(1) + t * of(4), of(2) + t * of(5)), r);
         *(vi*)(row + i) = r;
     }
-    vf sums[4] = {};  // colour, parts
-    float opacity = gone[l];
-    bool goes = true;
-    for (int i = 0; i + 1 < n && goes; i += 16) {
-        const vf k0 = *(const vf*)(k + i), a = *(const vf*)(where + i);
-        const vi valid = number < (float)(n - 1 - i), is = valid & (*(const vf*)(k + i + 1) == k0 + 1.0f);
+    // Of sixteen each first what does not depend on those before, and last what nothing depends on: processors work on
+    // several at a time.
+    struct Parts {
+        vi is;
+        vf q[4], length, D, A;
+    };
+    struct Thin {
+        vf before, behind, share, tau, part, D, color[3];
+    };
+    Parts all[BATCHES];
+    Thin thins[BATCHES];
+    for (int i = 0, e = 0; i + 1 < n; i += 16, ++e) {
+        Parts& w = all[e];
+        w.is = (number < (float)(n - 1 - i)) & (*(const vf*)(k + i + 1) == *(const vf*)(k + i) + 1.0f);
+        looks_up(row + i, x + i, w.is, w.q);
         // Behind the last there is anything at all.
-        const vf b = is ? *(const vf*)(where + i + 1) : a;
-        vf q[4];
-        looks_up(row + i, x + i, is, q);
-        const vf tau = is ? MORE(q[3], none) : none, D = tau * (b - a), A = absorbed(D);
+        w.length = w.is ? *(const vf*)(where + i + 1) - *(const vf*)(where + i) : none;
+        w.q[3] = w.is ? MORE(w.q[3], none) : none;
+        w.D = w.q[3] * w.length;
+        w.A = absorbed(w.D);
+    }
+    vf sums[7] = {};  // colour, parts, colour in the light of slices
+    float before = 1.0f - gone[l];
+    int many_thin = 0;
+    bool goes = true;
+    for (int i = 0, e = 0; i + 1 < n && goes; i += 16, ++e) {
+        const vf a = *(const vf*)(where + i), length = all[e].length, tau = all[e].q[3], D = all[e].D, A = all[e].A;
+        const vi is = all[e].is;
+        vf* q = all[e].q;
         if (!bits(tau > 0.0f)) {
             sums[3] += is ? none + 1.0f : none;
             continue;
@@ -329,43 +321,49 @@ auto look = [&](int l) -> bool {
         BEFORE(16, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13);
         BEFORE(16, 16, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11);
         BEFORE(16, 16, 16, 16, 16, 16, 16, 16, 0, 1, 2, 3, 4, 5, 6, 7);
-        const vf clear = left * (1.0f - opacity);
+        const vf clear = left * before, behind = clear * (1.0f - A);
         const vi lasts = clear >= least, seen = (tau > 0.0f) & lasts;
         sums[3] += is & lasts ? none + 1.0f : none;
         const vf dense = LESS(MORE(D * clear * (1.0f / FAINT) - 1.0f, none), none + 1.0f);
         const vf one = clear / tau;
         LIT_PART
         // Of the part that a ray ends in all is seen that is left, in its light.
-        const vi ends = seen & (clear * (1.0f - A) < least);
-        const vf all = ends ? none + 1.0f : A;
+        const vi ends = seen & (behind < least);
+        const vf whole = ends ? none + 1.0f : A;
         const vf color[3] = {seen ? q[0] * one : none, seen ? q[1] * one : none, seen ? q[2] * one : none};
         const unsigned thin = bits(seen & (dense < 1.0f)), deep = bits(seen & (dense > 0.0f));
         if (thin) {
-            // Light of slices, linear between them: from each part that begins in another slab on.
-            const vf slab = FLOOR((k0 + 0.5f) * in_parts), t = begin + slab * apart, u = u0 + t * du, v = v0 + t * dv;
-            const vf was = BEHIND(slab, none + even[l]);
-            alignas(64) float slabs[16], us[16], vs[16], before[32], behind[32];
+            // Light of slices, linear between them: slab by slab of those that there are such parts in.
+            const vf slab = FLOOR((*(const vf*)(k + i) + 0.5f) * in_parts);
+            alignas(64) float slabs[16];
             AT(slabs, 0) = slab;
-            AT(us, 0) = u;
-            AT(vs, 0) = v;
-            AT(before, 0) = none + near[l];
-            AT(behind, 0) = none + far[l];
+            Thin& w = thins[many_thin++];
             float number = even[l], from = near[l], to = far[l];
-            for (unsigned m = bits((slab != was) & valid); m; m &= m - 1) {
-                const int j = __builtin_ctz(m), of = slice + turn * (int)slabs[j];
-                from = slabs[j] == number + 1.0f ? to : light(of, us[j], vs[j]);
-                to = light(of + turn, us[j] + apart * du, vs[j] + apart * dv);
-                number = slabs[j];
-                AT(before, j) = none + from;
-                AT(behind, j) = none + to;
+            w.before = w.behind = none;
+            vi asks = seen & (dense < 1.0f);
+            for (unsigned m = thin; m; m = bits(asks)) {
+                const float s = slabs[__builtin_ctz(m)];
+                if (s != number) {
+                    const float t = begin + s * apart, u = u0 + t * du, v = v0 + t * dv;
+                    const int first = slice + turn * (int)s;
+                    from = s == number + 1.0f ? to : light(first, u, v);
+                    to = light(first + turn, u + apart * du, v + apart * dv);
+                    number = s;
+                }
+                const vi here = slab == s;
+                w.before = here ? none + from : w.before;
+                w.behind = here ? none + to : w.behind;
+                asks &= ~here;
             }
             even[l] = number;
             near[l] = from;
             far[l] = to;
-            const vf fades = dense < 1.0f ? tau * way_of_slab : none;
-            const vf L = faded(AT(before, 0), AT(behind, 0), (0.5f * (a + b) - t) / apart, fades, (b - a) / apart, D);
-            const vf B = seen ? (1.0f - dense) * all * L : none;
-            for (int c = 0; c < 3; ++c) shone[c][l] += sum(B * color[c]);
+            w.share = seen ? (a + 0.5f * length - (begin + slab * apart)) * (1.0f / apart) : none;
+            w.tau = dense < 1.0f ? tau * way_of_slab : none;
+            w.part = length * (1.0f / apart);
+            w.D = D;
+            const vf B = seen ? (1.0f - dense) * whole : none;
+            for (int c = 0; c < 3; ++c) w.color[c] = B * color[c];
         }
         if (deep) {
             Waiting& w = waiting;
@@ -392,13 +390,21 @@ auto look = [&](int l) -> bool {
             }
             if (w.places > POINTS - 16) trace();
         }
-        for (int c = 0; c < 3; ++c) sums[c] += all * color[c];
-        opacity += sum(seen ? clear * A : none);
-        goes = 1.0f - opacity >= least;
+        for (int c = 0; c < 3; ++c) sums[c] += whole * color[c];
+        before = behind[15];
+        goes = before >= least;
     }
-    for (int c = 0; c < 3; ++c) plain[c][l] += sum(sums[c]);
+    for (int e = 0; e < many_thin; ++e) {
+        const Thin& w = thins[e];
+        const vf L = faded(w.before, w.behind, w.share, w.tau, w.part, w.D);
+        for (int c = 0; c < 3; ++c) sums[4 + c] += L * w.color[c];
+    }
+    for (int c = 0; c < 3; ++c) {
+        plain[c][l] += sum(sums[c]);
+        shone[c][l] += sum(sums[4 + c]);
+    }
     looked[l] += sum(sums[3]);
-    gone[l] = goes ? opacity : 1.0f;
+    gone[l] = goes ? 1.0f - before : 1.0f;
     return goes;
 };
 while (bits(on)) {
@@ -443,10 +449,18 @@ def make_eyes(dtype, faint, least, lighted):
     """
     Field = make_samples(dtype)
     Table, _ = make_table(wp.float32)
-    text = TASK + wide(scalars_of(dtype) + ENTRIES + ABSORBED + INSIDE, LANES)
+    text = TASK + wide(scalars_of(dtype) + COLUMNS[16] + ENTRIES + EXTINCTIONS + ABSORBED + INSIDE, LANES)
     lit, lit_part = (PLACES, LIT_PART) if lighted else ("", "")
     text += NUMBERS + LOOKUP + lit + LIGHT + TRACED + WALK + LOOK.replace("LIT_PART", lit_part)
-    numbers = {"POINTS": 128, "PLACES": 40, "FIRST": 16, "FAINT": f"{faint}f", "LEAST": f"{least}f", "FULL": FULL}
+    numbers = {
+        "POINTS": 128,
+        "PLACES": 40,
+        "BATCHES": 4,
+        "FIRST": 16,
+        "FAINT": f"{faint}f",
+        "LEAST": f"{least}f",
+        "FULL": FULL,
+    }
     numbers |= {"OUTSIDE": f"{OUTSIDE}f"}
     for name, value in numbers.items():
         text = text.replace(name, str(value))

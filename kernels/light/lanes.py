@@ -19,9 +19,45 @@ LANES = wp.constant(8)
 PARTS = wp.constant(7)
 Eight = wp.types.vector(8, wp.float32)
 
+# Columns of as many rows of four as there are lanes.
+COLUMNS = {
+    8: """
+typedef float entry __attribute__((vector_size(16), aligned(4)));
+auto turned = [](const entry* e, v8f* q) {
+#define HALVES(l) __builtin_shufflevector(e[l], e[l + 4], 0, 1, 2, 3, 4, 5, 6, 7)
+#define LOWS(a, b) __builtin_shufflevector(a, b, 0, 8, 1, 9, 4, 12, 5, 13)
+#define HIGHS(a, b) __builtin_shufflevector(a, b, 2, 10, 3, 11, 6, 14, 7, 15)
+#define EVEN(a, b) __builtin_shufflevector(a, b, 0, 1, 8, 9, 4, 5, 12, 13)
+#define ODD(a, b) __builtin_shufflevector(a, b, 2, 3, 10, 11, 6, 7, 14, 15)
+    const v8f h0 = HALVES(0), h1 = HALVES(1), h2 = HALVES(2), h3 = HALVES(3);
+    const v8f low0 = LOWS(h0, h1), low1 = LOWS(h2, h3), high0 = HIGHS(h0, h1), high1 = HIGHS(h2, h3);
+    q[0] = EVEN(low0, low1);
+    q[1] = ODD(low0, low1);
+    q[2] = EVEN(high0, high1);
+    q[3] = ODD(high0, high1);
+};
+""",
+    16: """
+typedef float entry __attribute__((vector_size(16), aligned(4)));
+auto turned = [](const entry* e, vf* q) {
+#define PAIR2(a, b) __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7)
+#define FOUR(l) JOIN(PAIR2(e[l], e[4 + l]), PAIR2(e[8 + l], e[12 + l]))
+#define LOWS(a, b) __builtin_shufflevector(a, b, 0, 16, 1, 17, 4, 20, 5, 21, 8, 24, 9, 25, 12, 28, 13, 29)
+#define HIGHS(a, b) __builtin_shufflevector(a, b, 2, 18, 3, 19, 6, 22, 7, 23, 10, 26, 11, 27, 14, 30, 15, 31)
+#define EVEN(a, b) __builtin_shufflevector(a, b, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29)
+#define ODD(a, b) __builtin_shufflevector(a, b, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31)
+    const vf h0 = FOUR(0), h1 = FOUR(1), h2 = FOUR(2), h3 = FOUR(3);
+    const vf low0 = LOWS(h0, h1), low1 = LOWS(h2, h3), high0 = HIGHS(h0, h1), high1 = HIGHS(h2, h3);
+    q[0] = EVEN(low0, low1);
+    q[1] = ODD(low0, low1);
+    q[2] = EVEN(high0, high1);
+    q[3] = ODD(high0, high1);
+};
+""",
+}
+
 # Entries of a table, bilinear between them.
 ENTRIES = """
-typedef float entry __attribute__((vector_size(16), aligned(4)));
 const entry* __restrict entries = (const entry*)table.rgba.data;
 const int64_t n = table.rgba.shape[1];
 auto at = [&](FLOATS s, INTS& i) -> FLOATS {
@@ -29,21 +65,37 @@ auto at = [&](FLOATS s, INTS& i) -> FLOATS {
     i = MORE(LESS(__builtin_convertvector(u, INTS), first + (int)(n - 2)), first);
     return u - __builtin_convertvector(i, FLOATS);
 };
-// Extinction between scalars.
-auto extinctions = [&](FLOATS front, FLOATS back) -> FLOATS {
-    INTS i, j;
-    const FLOATS x = at(front, i), y = at(back, j);
-    alignas(64) float e[4][LANES];
-    for (int l = 0; l < LANES; ++l) {
-        const entry* p = entries + i[l] * n + j[l];
-        e[0][l] = p[0][3];
-        e[1][l] = p[1][3];
-        e[2][l] = p[n][3];
-        e[3][l] = p[n + 1][3];
-    }
-#define ENTRY(m) (*(const FLOATS*)e[m])
-    const FLOATS e0 = ENTRY(0) + y * (ENTRY(1) - ENTRY(0)), e1 = ENTRY(2) + y * (ENTRY(3) - ENTRY(2));
+"""
+
+# Extinction between scalars that are ``at`` places: all four that it is between are next to each other.
+EXTINCTIONS = """
+const float* __restrict taus = (const float*)pairs.data;
+auto extinctions = [&](INTS i, FLOATS x, INTS j, FLOATS y) -> FLOATS {
+    alignas(64) int place[LANES];
+    *(INTS*)place = i * (int)n + j;
+    entry e[LANES];
+    for (int l = 0; l < LANES; ++l) e[l] = *(const entry*)(taus + 2 * (int64_t)place[l]);
+    FLOATS q[4];
+    turned(e, q);
+    const FLOATS e0 = q[0] + y * (q[2] - q[0]), e1 = q[1] + y * (q[3] - q[1]);
     return MORE(e0 + x * (e1 - e0), none);
+};
+"""
+
+# Colour times extinction, and that: of sixteen parts.
+LOOKUP = """
+auto looks_up = [&](const int* row, const float* x, vi is, vf* q) {
+    alignas(64) int place[16];
+    *(vi*)place = is ? *(const vi*)row * (int)n + *(const vi*)(row + 1) : first;
+    entry e[16];
+    for (int l = 0; l < 16; ++l) {
+        // Of a row two at a time.
+        const v8f e0 = *(const v8f*)(entries + place[l]), e1 = *(const v8f*)(entries + place[l] + n);
+        const v8f both = e0 + x[l] * (e1 - e0);
+        const entry before = __builtin_shufflevector(both, both, 0, 1, 2, 3);
+        e[l] = before + x[l + 1] * (__builtin_shufflevector(both, both, 4, 5, 6, 7) - before);
+    }
+    turned(e, q);
 };
 """
 
@@ -88,21 +140,15 @@ for (int l = 0; l < 8; ++l) {
     const entry e0 = p[0] + wy[l] * (p[1] - p[0]), e1 = p[n] + wy[l] * (p[n + 1] - p[n]);
     e[l] = e0 + wx[l] * (e1 - e0);
 }
-// Columns of that.
-#define HALVES(l) __builtin_shufflevector(e[l], e[l + 4], 0, 1, 2, 3, 4, 5, 6, 7)
-#define LOWS(a, b) __builtin_shufflevector(a, b, 0, 8, 1, 9, 4, 12, 5, 13)
-#define HIGHS(a, b) __builtin_shufflevector(a, b, 2, 10, 3, 11, 6, 14, 7, 15)
-#define EVEN(a, b) __builtin_shufflevector(a, b, 0, 1, 8, 9, 4, 5, 12, 13)
-#define ODD(a, b) __builtin_shufflevector(a, b, 2, 3, 10, 11, 6, 7, 14, 15)
-const v8f h0 = HALVES(0), h1 = HALVES(1), h2 = HALVES(2), h3 = HALVES(3);
-const v8f rg0 = LOWS(h0, h1), rg1 = LOWS(h2, h3), ba0 = HIGHS(h0, h1), ba1 = HIGHS(h2, h3);
-const v8f tau = MAX(ODD(ba0, ba1), none), one = 1.0f / (tau > 0.0f ? tau : none + 1.0f);
+v8f q[4];
+turned(e, q);
+const v8f tau = MAX(q[3], none), one = 1.0f / (tau > 0.0f ? tau : none + 1.0f);
 v8f* out = (v8f*)seen.data;
 out[0] = t;
 out[1] = s;
-out[2] = EVEN(rg0, rg1) * one;
-out[3] = ODD(rg0, rg1) * one;
-out[4] = EVEN(ba0, ba1) * one;
+out[2] = q[0] * one;
+out[3] = q[1] * one;
+out[4] = q[2] * one;
 out[5] = tau;
 out[6] = absorbed(tau * (NEXT(t) - t));
 int l = 0;
@@ -141,10 +187,13 @@ float total = 0.0f;
 for (int m = 0; m < parts; m += 7) {
     const v8f t = a + (number + (float)m) * h;
     const v8f s = scalars(place[0] + t * along[0], place[1] + t * along[1], place[2] + t * along[2]);
-    const v8f e = extinctions(s, __builtin_shufflevector(s, s, 1, 2, 3, 4, 5, 6, 7, 7));
+    v8i i;
+    const v8f x = at(s, i);
+#define NEXT(a) __builtin_shufflevector(a, a, 1, 2, 3, 4, 5, 6, 7, 7)
+    const v8f e = extinctions(i, x, NEXT(i), NEXT(x));
     for (int l = 0; l < 7 && m + l < parts; ++l) total += e[l];
 }
-return total * h * length;
+return total * h;
 """
 
 # Those of eight cells of light, of a run.
@@ -180,12 +229,14 @@ for (int c = 0; c < 3; ++c) {
     p[c] += a * d[c];
     d[c] *= h;
 }
-v8f total = none, back = scalars(p[0], p[1], p[2]);
+v8i i, j;
+v8f total = none, x = at(scalars(p[0], p[1], p[2]), i);
 for (int m = 0; m < parts; ++m) {
-    const v8f front = back;
     for (int c = 0; c < 3; ++c) p[c] += d[c];
-    back = scalars(p[0], p[1], p[2]);
-    total += extinctions(front, back);
+    const v8f y = at(scalars(p[0], p[1], p[2]), j);
+    total += extinctions(i, x, j, y);
+    i = j;
+    x = y;
 }
 total *= h * length;
 wp::vec_t<8, float> result;
@@ -227,12 +278,12 @@ def make_lanes(dtype):
     ``measure(field, table, origin, direction, (t0, part, length), k, seen)``: of ``PARTS`` parts of a ray from the k-th
     on, ``seen`` (7, 8) are where they begin and end, scalars there, colours, extinctions, and opacities; -> the first
     of them with something to see, ``PARTS`` if there is none;
-    ``depth(field, table, low, high, p, d, length, parts)`` as of ``tissue``; and
-    ``depths(field, table, octants, low, high, ways, parts)``, those of ``Ways``.
+    ``depth(field, table, pairs, low, high, p, d, parts)``, times the length of d as of ``tissue``; and
+    ``depths(field, table, pairs, octants, low, high, ways, parts)``, those of ``Ways``.
     """
     Field = make_samples(dtype)
     Table, _ = make_table(wp.float32)
-    text = VECTORS + wide(scalars_of(dtype) + ENTRIES, 8)
+    text = VECTORS + wide(scalars_of(dtype) + COLUMNS[8] + ENTRIES, 8)
 
     @wp.func_native(text + wide(ABSORBED, 8) + MEASURE)
     def measure(
@@ -245,22 +296,23 @@ def make_lanes(dtype):
         seen: wp.array2d(dtype=wp.float32),
     ) -> int: ...
 
-    @wp.func_native(text + wide(INSIDE, 8) + DEPTH)
+    @wp.func_native(text + wide(EXTINCTIONS + INSIDE, 8) + DEPTH)
     def depth(
         field: Field,
         table: Table,
+        pairs: wp.array2d(dtype=wp.vec2),
         low: wp.vec3d,
         high: wp.vec3d,
         p: wp.vec3,
         d: wp.vec3,
-        length: wp.float32,
         parts: int,
     ) -> wp.float32: ...
 
-    @wp.func_native(text + wide(INSIDE, 8) + DEPTHS.replace("FULL", str(FULL)))
+    @wp.func_native(text + wide(EXTINCTIONS + INSIDE, 8) + DEPTHS.replace("FULL", str(FULL)))
     def depths(
         field: Field,
         table: Table,
+        pairs: wp.array2d(dtype=wp.vec2),
         octants: wp.array4d(dtype=wp.uint8),
         low: wp.vec3d,
         high: wp.vec3d,

@@ -269,6 +269,8 @@ def make_depth_in_lanes(halves, measured):
     @wp.func
     def depth(scene: Scene, p: vec3, d: vec3, length: real, parts: int):
         view = scene.view
-        return measured(scene.field, scene.table, view.seen_low, view.seen_high, p, d, length, parts)
+        table = scene.table
+        low = view.seen_low
+        return length * measured(scene.field, table, scene.march.pairs, low, view.seen_high, p, d, parts)
 
     return depth

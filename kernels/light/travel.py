@@ -54,6 +54,7 @@ class Sweep:
     reach: wp.float64  # length that light which tissue receives is traced back
     steps: int  # in so many parts
     lead: int  # slices of the stack before those that the eye passes
+    pairs: wp.array2d(dtype=wp.vec2)  # where tissue is seen in vectors, the table's extinctions [i, j] and [i + 1, j]
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,9 @@ def make_depths(halves, measured):
         for n in range(cells):
             ways.lengths[n] = wp.float32(sweep.thickness) * slant(sweep, i + n, j)
         view = scene.view
-        return measured(scene.field, scene.table, shade.octants, view.seen_low, view.seen_high, ways, sweep.parts)
+        table = scene.table
+        low = view.seen_low
+        return measured(scene.field, table, sweep.pairs, shade.octants, low, view.seen_high, ways, sweep.parts)
 
     return depths
 
@@ -213,55 +216,83 @@ def make_travel(halves):
         return Run(a[6], a[7], b[0], b[1], b[2], b[3], b[4], b[5])
 
     @wp.kernel(enable_backward=False, module="unique")
-    def occupy(base: int, scene: Scene, result: wp.array3d(dtype=wp.uint8)):
-        """Whether the smallest box around a tile has a block in it that is not empty."""
+    def occupy(base: int, scene: Scene, every: int, result: wp.array3d(dtype=wp.uint8)):
+        """Whether the smallest box around a tile has a block in it that is not empty: two tiles together along each
+        axis, then each if those have. The items of a row, of two rows of tiles, take them by turns.
+        """
         sweep = scene.march
         item = wp.tid() + base
-        row = item // result.shape[2]
-        tile = row // result.shape[1]
-        i = (item - row * result.shape[2]) * RUN
-        j = (row - tile * result.shape[1]) * ROWS
-        # All that is linear in places in slices is least and most in corners.
-        near = sweep.start + wp.float64(tile * SLABS) * sweep.thickness
-        far = near + wp.float64(wp.static(float(int(SLABS)))) * sweep.thickness
-        _, way, _length = way_of(sweep, wp.float64(0.0), real(i), real(j))
-        columns = wp.float64(wp.static(int(RUN) - 1.0)) * wp.vec3d(sweep.side[0, 0], sweep.side[1, 0], sweep.side[2, 0])
-        rows = wp.float64(wp.static(int(ROWS) - 1.0)) * wp.vec3d(sweep.side[0, 1], sweep.side[1, 1], sweep.side[2, 1])
-        less = wp.min(columns, wp.vec3d()) + wp.min(rows, wp.vec3d())
-        more = wp.max(columns, wp.vec3d()) + wp.max(rows, wp.vec3d())
-        if sweep.diverging:
-            low = sweep.origin + wp.min(near * (way + less), far * (way + less))
-            high = sweep.origin + wp.max(near * (way + more), far * (way + more))
-        else:
-            p, _way, _length = way_of(sweep, near, real(i), real(j))
-            onward = (far - near) * sweep.along
-            low = p + less + wp.min(onward, wp.vec3d())
-            high = p + more + wp.max(onward, wp.vec3d())
-        occupied = bool(True)
-        first = wp.vec3i()
-        last = wp.vec3i()
-        for a in range(3):
-            # As much wider as positions may be rounded.
-            margin = wp.float64(1.0e-3)
-            occupied = (
-                occupied and high[a] + margin >= scene.view.seen_low[a] and low[a] - margin <= scene.view.seen_high[a]
-            )
-            most = wp.float64(scene.field.last[a])
-            first[a] = int(wp.clamp(low[a] - margin, wp.float64(0.0), most)) >> BITS
-            last[a] = int(wp.clamp(high[a] + margin, wp.float64(0.0), most)) >> BITS
-        if occupied:
-            # Empty blocks know how far others are: often the one in the middle says it all.
-            middle = (first + last) / 2
-            reach = last - middle
-            kind = int(scene.blocks.kinds[middle[2], middle[1], middle[0]])
-            occupied = EMPTY - kind < wp.max(reach)
-            if occupied and kind <= EMPTY:
-                occupied = bool(False)
-                for bk in range(first[2], last[2] + 1):
-                    for bj in range(first[1], last[1] + 1):
-                        for bi in range(first[0], last[0] + 1):
-                            occupied = occupied or int(scene.blocks.kinds[bk, bj, bi]) > EMPTY
-        result[tile, row - tile * result.shape[1], i // RUN] = wp.uint8(wp.where(occupied, 1, 0))
+        rows = (result.shape[1] + 1) // 2
+        row = item // every
+        z = 2 * (row // rows)
+        y = 2 * (row - (row // rows) * rows)
+        across = wp.vec3d(sweep.side[0, 0], sweep.side[1, 0], sweep.side[2, 0])
+        down = wp.vec3d(sweep.side[0, 1], sweep.side[1, 1], sweep.side[2, 1])
+        deep = wp.float64(wp.static(float(int(SLABS)))) * sweep.thickness
+        none = wp.vec3d()
+        for x in range(2 * (item - row * every), result.shape[2], 2 * every):
+            n = int(0)
+            while n < 9:
+                # First all eight, then one by one.
+                number = wp.max(n - 1, 0)
+                i = x + (number & 1)
+                j = y + ((number >> 1) & 1)
+                k = z + (number >> 2)
+                size = wp.where(n == 0, 2, 1)
+                n += 1
+                if i >= result.shape[2] or j >= result.shape[1] or k >= result.shape[0]:
+                    continue
+                # All that is linear in places in slices is least and most in corners.
+                columns = wp.float64(size * RUN - 1) * across
+                lines = wp.float64(size * ROWS - 1) * down
+                less = wp.min(columns, none) + wp.min(lines, none)
+                more = wp.max(columns, none) + wp.max(lines, none)
+                near = sweep.start + wp.float64(k) * deep
+                far = near + wp.float64(size) * deep
+                p, way, _length = way_of(sweep, near, real(i * RUN), real(j * ROWS))
+                onward = (far - near) * way
+                low = p + less + wp.min(onward, none)
+                high = p + more + wp.max(onward, none)
+                if sweep.diverging:
+                    low = sweep.origin + wp.min(near * (way + less), far * (way + less))
+                    high = sweep.origin + wp.max(near * (way + more), far * (way + more))
+                occupied = bool(True)
+                first = wp.vec3i()
+                last = wp.vec3i()
+                for a in range(3):
+                    # As much wider as positions may be rounded.
+                    margin = wp.float64(1.0e-3)
+                    if high[a] + margin < scene.view.seen_low[a] or low[a] - margin > scene.view.seen_high[a]:
+                        occupied = False
+                    most = wp.float64(scene.field.last[a])
+                    first[a] = int(wp.clamp(low[a] - margin, wp.float64(0.0), most)) >> BITS
+                    last[a] = int(wp.clamp(high[a] + margin, wp.float64(0.0), most)) >> BITS
+                if occupied:
+                    # Empty blocks know how far others are: often the one in the middle says it all.
+                    middle = (first + last) / 2
+                    kind = int(scene.blocks.kinds[middle[2], middle[1], middle[0]])
+                    occupied = EMPTY - kind < wp.max(last - middle)
+                    if occupied and kind <= EMPTY:
+                        occupied = bool(False)
+                        bk = first[2]
+                        while bk <= last[2] and not occupied:
+                            bj = first[1]
+                            while bj <= last[1] and not occupied:
+                                bi = first[0]
+                                while bi <= last[0] and not occupied:
+                                    kind = int(scene.blocks.kinds[bk, bj, bi])
+                                    occupied = kind > EMPTY
+                                    bi += wp.max(EMPTY - kind, 0) + 1
+                                bj += 1
+                            bk += 1
+                if n > 1:
+                    result[k, j, i] = wp.uint8(wp.where(occupied, 1, 0))
+                elif not occupied:
+                    for c in range(8):
+                        if x + (c & 1) < result.shape[2] and y + ((c >> 1) & 1) < result.shape[1]:
+                            if z + (c >> 2) < result.shape[0]:
+                                result[z + (c >> 2), y + ((c >> 1) & 1), x + (c & 1)] = wp.uint8(0)
+                    n = 9
 
     @wp.kernel(enable_backward=False, module="unique")
     def travel(
@@ -318,7 +349,9 @@ def make_travel(halves):
                     z = sweep.start + wp.float64(slab + 1) * sweep.thickness
                     D = depths(scene, shade, z, i * RUN, j, L)
                     A = opacities(real(sweep.before) * D)
-                    B = opacities(real(sweep.after) * D)
+                    B = A
+                    if sweep.after != sweep.before:
+                        B = opacities(real(sweep.after) * D)
                     L -= wp.cw_mul(L, A)
                     state.rest[j, i] = B
             state.light[1 - source, y, x] = L

@@ -96,6 +96,21 @@ class Sweeping:
         return ending if self.shadows.alone else max(ending, ENDING)
 
 
+@dataclass(frozen=True)
+class Extinctions(Part):
+    """Those of a table that are next to each other along its first axis, in pairs: in vectors tissue that only takes
+    light has all four that it is between in one place.
+    """
+
+    table: Part
+    name: ClassVar[str] = "extinctions"
+
+    def build(self, keep: Keeper) -> wp.array:
+        entries = keep(self.table).rgba.numpy()[..., 3]
+        pairs = np.stack([entries, np.roll(entries, -1, axis=0)], axis=-1)  # of the last entry no one asks
+        return wp.array(pairs, dtype=wp.vec2, device=keep.device)
+
+
 def shade(frame: Frame, rgba: wp.array, precision: str) -> Shaded:
     """Puts an image into shadow, or makes it, by sweeps in a precision."""
     height, width = rgba.shape
@@ -106,7 +121,8 @@ def shade(frame: Frame, rgba: wp.array, precision: str) -> Shaded:
     # Samples of slices are points: clips leave them or not, and light is that of points.
     cuts = replace(halves.cuts, clipped=False, naive=bool(scene.clips), parts=None)
     halves = replace(halves, cuts=cuts, light=halves.light and replace(halves.light, mode="point"))
-    struct, _ = frame.struct(halves, Sweeping(shadows, precision))
+    sweeping = Sweeping(shadows, precision)
+    struct, _ = frame.struct(halves, sweeping)
     size, every = (height, width), items(width, device)
     choose, gather = make_shares(REALS["float64" if rgba.dtype is wp.vec4d else "float32"])
     eye, turn = Eye(), Turn()
@@ -119,20 +135,31 @@ def shade(frame: Frame, rgba: wp.array, precision: str) -> Shaded:
     eye.samples = wp.zeros(size, dtype=int, device=device)
     eye.rgba = keep.scratch("composite", size, wp.vec4d)
     eye.lit = keep.scratch("lit", size, wp.vec3d)
-    octants = keep(Octants(scene.kinds(True))) if lanes_of(halves) is not None else None
-    if octants is not None:
-        eye.octants = octants
+    octants = pairs = None
+    if lanes_of(halves) is not None:
+        eye.octants = octants = keep(Octants(scene.kinds(True)))
+        table = sweeping.table(scene, scene.functions[0])
+        assert table is not None
+        pairs = keep(Extinctions(table))
     lights = shadows.lights
     sums = keep.scratch("share", size if len(lights) > 1 else (1, 1), wp.vec3d)
     slices = 0
     for number, light in enumerate(in_turn(lights)):
-        slices += sweep_light(frame, halves, struct, light, eye, octants)
+        slices += sweep_light(frame, halves, struct, light, eye, octants, pairs)
         turn.color, turn.first, turn.last = wp.vec3d(*light.color), number == 0, number == len(lights) - 1
         launch(gather, height * every, [eye, turn, sums, rgba, every], device)
     return Shaded(shadows, slices, eye.samples)
 
 
-def sweep_light(frame: Frame, halves: Halves, struct: Any, light: Light, eye: Any, octants: wp.array | None) -> int:
+def sweep_light(
+    frame: Frame,
+    halves: Halves,
+    struct: Any,
+    light: Light,
+    eye: Any,
+    octants: wp.array | None,
+    pairs: wp.array | None,
+) -> int:
     """Sweep one light, with the eye's rays behind it; the number of slices. ``struct`` is the scene's, for kernels of
     the ``halves``; the box of what its view sees is what there is to see.
     """
@@ -140,6 +167,8 @@ def sweep_light(frame: Frame, halves: Halves, struct: Any, light: Light, eye: An
     assert shadows is not None
     advance, rays = make_advance(halves)
     struct.march, shape, variance = place(frame.scene.volume, frame.camera, shadows, light, struct.view)
+    if pairs is not None:
+        struct.march.pairs = pairs
     for first, count, lead, stack in travel(halves, struct, shape, variance, octants, frame.keep):
         struct.march.lead = lead
         inputs = [struct, first, count, first == 0, stack, eye]
@@ -169,7 +198,8 @@ def travel(
     if octants is not None:
         shade.octants = octants
     shade.occupied = wp.empty((-(-slices // int(SLABS)), -(-rows // int(ROWS)), runs), dtype=wp.uint8, device=device)
-    launch(occupy, shade.occupied.size, [scene, shade.occupied], device)
+    deep, high, _ = shade.occupied.shape
+    launch(occupy, -(-deep // 2) * -(-high // 2) * shade.items, [scene, shade.items, shade.occupied], device)
     shade.touched = wp.zeros((shade.occupied.shape[1] + 2, runs + 2), dtype=wp.uint8, device=device)
     state = make_state(real)()
     state.light = wp.ones((2, rows + 2 * int(BORDER), runs + 2), dtype=run_of(real), device=device)
