@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -202,7 +203,7 @@ class Frame:
         scene, keep = self.scene, self.keep
         integrator: Any = scene.integrator if sweep is None else sweep
         struct = halves.Scene()
-        struct.view = view(scene.volume, self.camera, self.width, self.height) if rays is None else rays
+        struct.view = self._view if rays is None else rays
         if self.ends is not None:
             struct.view.ends = wp.array(self.ends, dtype=wp.float64, device=self.device)
         struct.field = scene.volume.struct(keep, scene.shift)
@@ -232,6 +233,11 @@ class Frame:
         if scene.lighting is not None:
             struct.light = scene.lighting.struct(scene, self.device)
         return struct, seen
+
+    @cached_property
+    def _view(self) -> Any:
+        """All of its rays; where something is seen of each is set for every struct."""
+        return view(self.scene.volume, self.camera, self.width, self.height)
 
     def _tracer(self, samples: NDArray[np.int32]) -> Tracer:
         """Steps of the ray of a pixel, by rendering it once more; a ray has no more steps than samples."""
