@@ -16,17 +16,48 @@ auto linear = [&](const float* L, float u, float v) __attribute__((noinline)) ->
     const float a = c[0] + x * (c[1] - c[0]), b = c[columns] + x * (c[columns + 1] - c[columns]);
     return a + y * (b - a);
 };
-// By a quadratic B-spline, three rows of four cells each; behind the last slice there is room for one more.
-auto light = [&](int number, float u, float v) -> float {
-    const float* L = stack.data + (int64_t)number * rows * columns;
-    if (!(u >= 0.5f && v >= 0.5f && u <= (float)columns - 1.5f && v <= (float)rows - 1.5f)) return linear(L, u, v);
+// By a quadratic B-spline, three rows of four cells each: where they are, and what of them counts. Behind the last
+// slice there is room for one more cell.
+struct Spot {
+    bool inner;
+    int64_t middle;
+    float before, behind;
+    v4f across;
+};
+auto spot = [&](float u, float v) -> Spot {
+    const bool inner = u >= 0.5f && v >= 0.5f && u <= (float)columns - 1.5f && v <= (float)rows - 1.5f;
+    if (!inner) return {};
     const int i = LESS((int)(u + 0.5f), columns - 2), j = LESS((int)(v + 0.5f), rows - 2);
     const float x = u - (float)i, y = v - (float)j;
     const float x0 = 0.5f * (0.5f - x) * (0.5f - x), y0 = 0.5f * (0.5f - y) * (0.5f - y);
-    const float* c = L + (int64_t)j * columns + i - 1;
+    return {true, (int64_t)j * columns + i - 1, y0, y0 + y, {x0, 1.0f - 2.0f * x0 - x, x0 + x, 0.0f}};
+};
+auto light = [&](int number, float u, float v) -> float {
+    const float* L = stack.data + (int64_t)number * rows * columns;
+    const Spot s = spot(u, v);
+    if (!s.inner) return linear(L, u, v);
+    const float* c = L + s.middle;
     const v4f a = *(const v4f*)(c - columns), b = *(const v4f*)c, d = *(const v4f*)(c + columns);
-    const v4f of = (v4f){x0, 1.0f - 2.0f * x0 - x, x0 + x, 0.0f} * (b + y0 * (a - b) + (y0 + y) * (d - b));
+    const v4f of = s.across * (b + s.before * (a - b) + s.behind * (d - b));
     return of[0] + of[1] + of[2];
+};
+// That of a slice and of the next, of the same cells.
+auto two_lights = [&](int number, float u, float v, float& near, float& far) {
+    const int64_t slice = (int64_t)rows * columns;
+    const float* L = stack.data + number * slice;
+    const Spot s = spot(u, v);
+    if (!s.inner) {
+        near = linear(L, u, v);
+        far = linear(L + slice, u, v);
+        return;
+    }
+    const float* c = L + s.middle;
+#define TWO_OF(a, b) __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7)
+    auto row = [&](const float* c) -> v8f { return TWO_OF(*(const v4f*)c, *(const v4f*)(c + slice)); };
+    const v8f a = row(c - columns), b = row(c), d = row(c + columns);
+    const v8f of = TWO_OF(s.across, s.across) * (b + s.before * (a - b) + s.behind * (d - b));
+    near = of[0] + of[1] + of[2];
+    far = of[4] + of[5] + of[6];
 };
 // Light from L0 to L1 between two slices, as below.
 auto faded = [&](vf L0, vf L1, vf s, vf x, vf part, vf D) -> vf {

@@ -114,10 +114,7 @@ auto trace = [&]() __attribute__((noinline)) {
         alignas(64) int slices[16];
         alignas(64) float before[16], after[16];
         *(vi*)slices = number;
-        for (int n = 0; n < 16; ++n) {
-            before[n] = light(slices[n], w.place[3][l + n], w.place[4][l + n]);
-            after[n] = light(slices[n] + 1, w.place[3][l + n], w.place[4][l + n]);
-        }
+        for (int n = 0; n < 16; ++n) two_lights(slices[n], w.place[3][l + n], w.place[4][l + n], before[n], after[n]);
         const vf takes = D * (float)sweep.thickness / MORE(back, none + LEAST);
         AT(w.L, l) = MORE(faded(AT(before, 0), AT(after, 0), share, takes, none, none), none + LEAST);
     }
@@ -195,17 +192,10 @@ auto list = [&](int l) -> bool {
     const int fresh = (more > 0) & (to[n - 1] != k);
     to[n] = k;  // which is there already if it is not fresh, or is of no part
     n += fresh;
-    while (more > 16 && n < PLACES) {
-        *(vf*)(to + n) = k + 1.0f + number;
-        n += 16;
-        k += 16.0f;
-        more -= 16;
-    }
-    if (n < PLACES) {
-        *(vf*)(to + n) = k + 1.0f + number;
-        n += more;
-        k = until[l];
-    }
+    more = MORE(LESS(more, PLACES - n), 0);
+    for (int m = 0; m < more; m += 16) *(vf*)(to + n + m) = k + 1.0f + (number + (float)m);
+    n += more;
+    k += (float)more;
     next[l] = k;
     many[l] = n;
     return n < PLACES;
@@ -454,7 +444,7 @@ def make_eyes(dtype, faint, least, lighted):
     text += NUMBERS + LOOKUP + lit + LIGHT + TRACED + WALK + LOOK.replace("LIT_PART", lit_part)
     numbers = {
         "POINTS": 128,
-        "PLACES": 40,
+        "PLACES": 48,
         "BATCHES": 4,
         "FIRST": 16,
         "FAINT": f"{faint}f",
