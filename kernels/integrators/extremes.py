@@ -162,7 +162,7 @@ def make_told(halves):
             found.bound = wp.min(off, peaks.range + peaks.off)
             if not wp.static(halves.field.finite):
                 # How much of that is of cells that are there is not known.
-                found.length = wp.float64(SHORTEST)
+                found.length = wp.min(found.length, wp.float64(SHORTEST))
         else:
             found.length = wp.float64(0.0)
             found.value = wp.float64(wp.nan)

@@ -384,3 +384,22 @@ def test_cells_that_are_touched_to_rounding_where_a_ray_begins_are_not_its_own(m
             values.append(image.values)
             monkeypatch.setattr(wvr.frame.Frame, "halves", halves)
         np.testing.assert_allclose(values[0], values[1], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("what", ["max", "min"])
+def test_a_ray_that_ends_where_the_box_begins_may_meet_nothing(what):
+    """By rounding it is in there for 1e-10 of a voxel: with absent samples the bound says so as without."""
+    samples = np.random.default_rng(1).integers(0, 255, (2, 4, 6)).astype(np.float32)
+    samples[0, 0, 0] = np.nan
+    volume = wvr.Volume(samples, (0.03,) * 3, (1.95, 0.4, 0.85), nan="transparent")
+    top = Fraction(0.85) + Fraction(0.03)
+    for x, y, height in (
+        ("0x1.0a8b563c357b3p+1", "0x1.d4aebf058e3f8p-2", "0x1.7f81740668456p+16"),
+        ("0x1.f9cd34c9f6899p+0", "0x1.dfe3763ec0a8ap-2", "0x1.13017b03cb9fdp+16"),
+    ):
+        x, y, height = map(float.fromhex, (x, y, height))
+        depth = float(Fraction(height) - top)
+        assert Fraction(height) - Fraction(depth) >= top
+        camera = wvr.Camera((x, y, height), (x, y, 0.6), (0.49, 1, 0), parallel_scale=0.01)
+        image = wvr.render(volume, SPAN, camera, (2, 2), depth=np.full((2, 2), depth), integrator=wvr.Projection(what))
+        assert np.all(np.isnan(image.values) | np.isinf(image.error_bound))
