@@ -4,6 +4,7 @@ import itertools
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -47,18 +48,27 @@ def neighbours(base: int, factor: float, source: int, state: wp.array2d(dtype=fl
     state[1 - source, i] = factor * (state[source, i] + near)
 
 
+@pytest.mark.parametrize("near", [None, 1])
 @pytest.mark.parametrize("items", [1, 2, 5, 1000])
-def test_in_turn_waits_for_the_step_before(device, items, threads):
+def test_in_turn_waits_for_the_step_before(device, items, near, threads, monkeypatch):
+    """Where it is of others, whichever thread is late: those next to an item are all that it asks for."""
     start = np.random.default_rng(5).random((2, items)).astype(np.float32)
     steps = [(0.3 + 0.01 * k, k % 2) for k in range(50)]
     expected = start[0].astype(float)
     for factor, _ in steps:
         padded = np.pad(expected, 1, mode="edge")
         expected = factor * (padded[:-2] + padded[1:-1] + padded[2:])
+    launch_once, late = wp.Launch.launch, np.random.default_rng(6)
+
+    def launch_late(command, *args):
+        time.sleep(late.choice([0.0, 0.0, 0.0, 0.001]))
+        launch_once(command, *args)
+
+    monkeypatch.setattr(wp.Launch, "launch", launch_late)
     for n in (1, 2, 5):
         threads(n)
         state = wp.array(start, device=device)
-        launch_in_turn(neighbours, items, steps, [state], get_device(device))
+        launch_in_turn(neighbours, items, steps, [state], get_device(device), near)
         np.testing.assert_allclose(state.numpy()[0], expected, rtol=1e-4)
 
 

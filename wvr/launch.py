@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from functools import cache
+from functools import cache, partial
 from math import inf
 from queue import Empty, SimpleQueue
 from time import perf_counter
@@ -28,7 +28,8 @@ from .kernels.ray import TILE, tiles
 
 # More strips than threads, so that strips of uneven cost balance.
 STRIPS_PER_THREAD = 16
-# The same where threads wait for each other after each few hundred microseconds.
+# The same where threads go on to the next step after each few hundred microseconds, for which they wait less often if
+# those next to them are through: one less of them all, since each has to be launched.
 STRIPS_PER_STEP = 2
 # Threads at most, where there are fewer cores: more only cost memory.
 MOST_THREADS = 64
@@ -258,52 +259,75 @@ def launch_pixels(
     launch(kernel, tiles(view.width, view.height) * tile, inputs, device, grain=tile, view=view, scratch=scratch)
 
 
-def launch_in_turn(kernel: wp.Kernel, items: int, steps: Sequence[tuple], inputs: list[Any], device: wp.Device) -> None:
+def launch_in_turn(
+    kernel: wp.Kernel,
+    items: int,
+    steps: Sequence[tuple],
+    inputs: list[Any],
+    device: wp.Device,
+    near: int | None = None,
+) -> None:
     """Run ``kernel(base, *step, *inputs)`` over ``items`` work items for each step, one step after the other.
 
-    For many short ones: arguments are packed once, and on the CPU threads wait for each other but never end between.
-    Exceptions are as of :func:`launch`.
+    For many short ones: arguments are packed once, and threads on the CPU never end between. They only wait for what a
+    step depends on. Exceptions are as of :func:`launch`.
 
     Parameters
     ----------
     steps
         Numbers, first arguments of the kernel.
+    near
+        How far from an item those are whose step before it reads, or which in theirs read what it writes; by default
+        all of them.
     """
     load(kernel, device.alias, deep=True)
     threads = 1 if device.is_cuda else min(get_num_threads(), items)
-    strips = 1 if threads == 1 else min(STRIPS_PER_STEP * threads, items)
+    strips = 1 if threads == 1 else min(STRIPS_PER_STEP * threads - 1, items)
     strip = -(-items // strips)
     strips = -(-items // strip)
-    barrier = threading.Barrier(threads)
+    around = strips if near is None else -(-near // strip)
     order = iter(range(strips * len(steps)))
+    done = [0] * strips  # steps of each
     stopped = threading.Event()
+    changed = threading.Condition()
+    waiting: list[None] = []
+
+    def ready(step: int, part: int) -> bool:
+        return stopped.is_set() or min(done[max(part - around, 0) : part + around + 1]) >= step
+
+    def tell() -> None:
+        with changed:
+            changed.notify_all()
 
     def run() -> None:
-        # Every thread has a strip of each step, so when all wait, the step before is done.
         command = wp.launch(kernel, strip, [0, *steps[0], *inputs], device=device, record_cmd=True)
         last, width = 0, strip
         for n in order:
+            step, part = divmod(n, strips)
+            if not ready(step, part):
+                with changed:
+                    # Who is done from here on sees that somebody waits; who was before is seen to be done.
+                    waiting.append(None)
+                    changed.wait_for(partial(ready, step, part))
+                    waiting.pop()
             if stopped.is_set():
                 return
-            step, part = divmod(n, strips)
             if step != last:
                 for index, value in enumerate(steps[step]):
                     command.set_param_at_index_from_ctype(1 + index, value)
                 last = step
-                if threads > 1:
-                    try:
-                        barrier.wait()
-                    except threading.BrokenBarrierError:
-                        return  # whoever broke it says why
             if strips > 1:
                 if (count := min(strip, items - part * strip)) != width:
                     command.set_dim(width := count)
                 command.set_param_at_index_from_ctype(0, part * strip)
             command.launch()
+            done[part] = step + 1
+            if waiting:
+                tell()
 
     def stop() -> None:
         stopped.set()
-        barrier.abort()
+        tell()
 
     if device.is_cuda:
         _check_cancelled()

@@ -228,7 +228,9 @@ def travel(
                 slot = lead + slab + 1 - first if part == parts - 1 else -1
                 steps.append((slab, min(q / parts, LARGEST_STEP), source, slot))
                 source = 1 - source
-        launch_in_turn(step, rows * shade.items, steps, [scenes, shade, state], device)
+        # Diffusion reaches as far as there is a border.
+        near = int(BORDER) * shade.items
+        launch_in_turn(step, rows * shade.items, steps, [scenes, shade, state], device, near)
         yield first, count, lead, stack
         # What the next needs of these, from the front on: they may overlap.
         kept = min(behind, first + count) + 1 if first + count < slices else 0
