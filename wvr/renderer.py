@@ -207,15 +207,19 @@ class Renderer:
         ends = ends_of(depth, size)
         device = get_device(self.device)
         keep = self._keepers.setdefault(device.alias, Keeper(device))
+        frame: Frame | BrickedFrame
         try:
             if self._reading.limited or scene.volume.stored:
                 frame = BrickedFrame(scene, camera, size, keep, self._reading, ends)
                 image, self._bricks = frame.render(self._bricks)
             else:
-                image = Frame(scene, camera, size, keep, ends).render()
+                frame = Frame(scene, camera, size, keep, ends)
+                image = frame.render()
         finally:
             keep.end_of_frame()
-        advise(scene, image)
+        # What there is to see in what was not read nobody knows.
+        if not frame.partly:
+            advise(scene, image)
         return image
 
 

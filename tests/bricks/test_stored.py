@@ -439,6 +439,14 @@ def test_colours_of_projections_are_over_all_samples_not_over_some(monkeypatch, 
     assert look.transfer_function.knots[[0, -1]].tolist() == [0, 7] and "some" not in vars(volume)
 
 
+def test_what_is_not_read_is_not_said_to_be_nothing():
+    """No surface is found where nothing is read, which its bound says."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        image = wvr.render(opened(DATA), TF, size=SIZE, integrator=wvr.Isosurface([130]), budget=0)
+    assert not image.samples.any() and image.max_error >= 1
+
+
 def test_ranges_say_what_is_framed():
     data = np.zeros((64, 64, 64), np.uint8)
     data[40:46, 8:14, 20:26] = 200
