@@ -11,7 +11,7 @@ demo-cluster: .venv/ready
 	$(BIN)/python -m studies.demo_cluster
 
 test: .venv/ready
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 fuzz: .venv/ready
 	$(BIN)/python -m tests.fuzz --minutes $(or $(MINUTES),10)

@@ -17,6 +17,11 @@ def devices() -> list[str]:
     return [d.alias for d in wp.get_devices()]
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files of a few long tests first, so that no worker is left with one at the end."""
+    items.sort(key=lambda item: "studies" not in item.path.parts and item.path.name != "test_browser.py")
+
+
 @pytest.fixture(params=devices())
 def device(request: pytest.FixtureRequest) -> str:
     return request.param

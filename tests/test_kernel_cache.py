@@ -17,7 +17,7 @@ from wvr import kernel_cache, launch
 
 from .helpers import mounted
 
-# A process that squares 3, by a kernel as small as can be.
+# A process that squares 3, by a kernel as small as can be; with more arguments, has powers of it, by a kernel each.
 SQUARE = """
 import os, sys
 import numpy as np, warp as wp
@@ -28,14 +28,25 @@ def square(base: int, values: wp.array(dtype=float)):
     i = base + wp.tid()
     values[i] = values[i] * values[i]
 
+@wp.kernel(module="unique")
+def cube(base: int, values: wp.array(dtype=float)):
+    i = base + wp.tid()
+    values[i] = values[i] * values[i] * values[i]
+
+@wp.kernel(module="unique")
+def fourth(base: int, values: wp.array(dtype=float)):
+    i = base + wp.tid()
+    values[i] = values[i] * values[i] * values[i] * values[i]
+
 if "full" in sys.argv:
     def full(*_):
         raise OSError(28, "No space left on device")
     os.posix_fallocate = full
 device = get_device("cpu")
-values = wp.array(np.array([3.0], np.float32), device=device)
-launch(square, 1, [values], device)
-print(values.numpy()[0])
+for kernel in (square, cube, fourth) if "more" in sys.argv else (square,):
+    values = wp.array(np.array([3.0], np.float32), device=device)
+    launch(kernel, 1, [values], device)
+    print(values.numpy()[0])
 """
 
 
@@ -53,32 +64,30 @@ def run(script: Path, cache: Path, *arguments: str) -> subprocess.CompletedProce
     )
 
 
-def compiled(cache: Path, ending: str) -> Path:
-    (found,) = (cache / wp.config.version).glob(f"wp_*/*{ending}")
+def compiled(cache: Path, kernel: str, ending: str) -> Path:
+    (found,) = (cache / wp.config.version).glob(f"wp_{kernel}_*/*{ending}")
     return found
 
 
 def test_damaged_kernels_are_compiled_anew(script, tmp_path):
-    assert run(script, tmp_path).stdout == "9.0\n"
-    binary = compiled(tmp_path, ".o")
-    made = binary.stat().st_mtime_ns
-    assert run(script, tmp_path).stdout == "9.0\n"
-    assert binary.stat().st_mtime_ns == made  # not compiled again
-    whole = binary.read_bytes()
-    damages = {
-        "zeros": lambda: binary.write_bytes(whole[:100] + bytes(len(whole) - 100)),
-        "no records": lambda: (
-            compiled(tmp_path, ".meta").write_bytes(b"\xff{"),
-            compiled(tmp_path, "seal.json").write_bytes(b"[\xfe"),
-            binary.write_bytes(whole[: len(whole) // 2]),
-        ),
-        "a file in the folder's place": lambda: (shutil.rmtree(binary.parent), binary.parent.write_text("")),
-    }
-    for name, damage in damages.items():
-        damage()
-        result = run(script, tmp_path)
-        assert result.stdout == "9.0\n" and result.returncode == 0, (name, result.stderr)
-    assert len(binary.read_bytes()) == len(whole)
+    """Of zeros, without records, and with a file in the folder's place: a kernel each."""
+    powers = "9.0\n27.0\n81.0\n"
+    assert run(script, tmp_path, "more").stdout == powers
+    binaries = [compiled(tmp_path, kernel, ".o") for kernel in ("square", "cube", "fourth")]
+    made = [binary.stat().st_mtime_ns for binary in binaries]
+    assert run(script, tmp_path, "more").stdout == powers
+    assert [binary.stat().st_mtime_ns for binary in binaries] == made  # not compiled again
+    whole = [binary.read_bytes() for binary in binaries]
+    square, cube, fourth = binaries
+    square.write_bytes(whole[0][:100] + bytes(len(whole[0]) - 100))
+    compiled(tmp_path, "cube", ".meta").write_bytes(b"\xff{")
+    compiled(tmp_path, "cube", "seal.json").write_bytes(b"[\xfe")
+    cube.write_bytes(whole[1][: len(whole[1]) // 2])
+    shutil.rmtree(fourth.parent)
+    fourth.parent.write_text("")
+    result = run(script, tmp_path, "more")
+    assert result.stdout == powers and result.returncode == 0, result.stderr
+    assert [len(binary.read_bytes()) for binary in binaries] == [len(bytes_) for bytes_ in whole]
 
 
 def test_kernels_that_cannot_be_kept_are_compiled_elsewhere(script, tmp_path):

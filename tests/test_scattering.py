@@ -247,10 +247,10 @@ def test_sweep_is_single_scattering(device, blobs, light, parallel):
     tf = wvr.TransferFunction([(0, "orange", 0.0), (255, "royalblue", 0.3)])
     camera = wvr.Camera.fit(blobs, parallel=parallel)
     for spread, most in ((0.0, 1e-3), (20.0, 0.05)):
-        truth = scattered(blobs, tf, camera, (24, 24), light=light, spread=spread, step=0.25, device=device)
+        truth = scattered(blobs, tf, camera, (16, 16), light=light, spread=spread, step=0.25, device=device)
         shadows = wvr.ConvolutionShadows(0.5, light=light, spread=spread, cell=0.25, image="slices")
         image = wvr.render(
-            blobs, tf, camera, (24, 24), shadows=shadows, precision="float64", termination=0, device=device
+            blobs, tf, camera, (16, 16), shadows=shadows, precision="float64", termination=0, device=device
         )
         difference = np.abs(image.rgba - truth.rgba)
         assert difference[..., :3].mean() < most / 10

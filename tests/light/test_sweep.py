@@ -316,9 +316,9 @@ def test_a_field_that_stays_at_a_jump_is_in_the_same_shadow_whatever_its_scale()
 
 def test_what_is_cut_away_casts_no_shadow():
     """Nor does a label that has no transfer function."""
-    data = np.zeros((24, 24, 24), np.float32)
-    data[2:8] = 1.0
-    data[16:20] = 1.0
+    data = np.zeros((24, 24, 24), np.uint8)
+    data[2:8] = 1
+    data[16:20] = 1
     volume = wvr.Volume(data)
     tf = wvr.TransferFunction([(0.4, "white", 0.0), (0.6, "white", 0.15)])
     options = {"light": wvr.DirectionalLight((0, -0.5, 1)), "cell": 1.0, "slice_distance": 0.25}
