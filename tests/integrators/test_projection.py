@@ -111,7 +111,9 @@ CLIPS = {
         wvr.ClipPlane(v.corners.mean(axis=0), (1, 0.3, 0.2)),
         wvr.ClipSphere(v.corners.mean(axis=0), 14.0, invert=True),
     ],
-    "volume": lambda v: wvr.ClipVolume(centered(np.random.default_rng(5).random((6, 6, 6)), (7, 7, 7)), 0.5),
+    "volume": lambda v: wvr.ClipVolume(
+        centered(np.random.default_rng(5).integers(0, 256, (6, 6, 6), np.uint8), (7, 7, 7)), 127.5
+    ),
 }
 
 

@@ -269,7 +269,7 @@ def test_light_knows_clips_and_labels(blobs):
 )
 def test_cut_faces_are_lit_by_the_cut(integrator):
     """Homogeneous data have no gradient; where a plane cuts them open the plane is the surface."""
-    volume = wvr.Volume(np.full((9, 9, 9), 5.0, np.float32), spacing=(1.0, 2.0, 1.0))
+    volume = wvr.Volume(np.full((9, 9, 9), 5, np.uint8), spacing=(1.0, 2.0, 1.0))
     tf = wvr.TransferFunction([(0, "white", 0.9999), (10, "white", 0.9999)])
     normal = np.array([-1.0, 0.3, -0.2]) / np.linalg.norm([1.0, 0.3, 0.2])
     clip = wvr.ClipPlane((4, 8, 4), normal)
