@@ -139,9 +139,10 @@ def test_order_of_the_image(options, low, high):
         assert np.abs(image(0.2) - image(0.1)).mean() < 1e-3
 
 
+@pytest.mark.parametrize("integrator", [wvr.Exact(), wvr.Certified(1e-3)], ids=["rays one by one", "in vectors"])
 @pytest.mark.parametrize("steep", [0.5, 5.0])
 @pytest.mark.parametrize("tilt", [(0.3, 0.2), (-0.6, 0.35), (0.0, 0.8)])
-def test_no_stripes_on_a_surface(steep, tilt):
+def test_no_stripes_on_a_surface(steep, tilt, integrator):
     """Layers of any profile, dense below: light goes through as much more than the eye as it is more aslant, so that
     cos_l / (cos_l + cos_e) of the surface is lit everywhere, wherever slices and cells are (Lommel, Seeliger).
     """
@@ -153,7 +154,7 @@ def test_no_stripes_on_a_surface(steep, tilt):
     light = np.array([0.55, -0.35, 1.0]) / np.linalg.norm([0.55, -0.35, 1.0])
     exact = (n @ light) / (n @ light + n[2])
     options = {"light": wvr.DirectionalLight(tuple(light)), "spread": 0.0}
-    shares = shaded(volume, tf, camera, (64, 64), render={"precision": "float32"}, **options).rgba[..., 0]
+    shares = shaded(volume, tf, camera, (64, 64), integrator, {"precision": "float32"}, **options).rgba[..., 0]
     assert shares.std() < 0.03 * exact
     assert shares.mean() == pytest.approx(exact, rel=0.03)
 
