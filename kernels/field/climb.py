@@ -30,6 +30,9 @@ class Tops:
     most: wp.float64  # of all there is
 
 
+# Levels that there is room for. An axis of an array has less than 2^31 samples.
+LEVELS = 16
+
 CLIMB = """
 // Of numbers, which are not NaN where it matters.
 #define LESS(a, b) ((a) < (b) ? (a) : (b))
@@ -153,9 +156,9 @@ struct Node {
     uint64_t left;
 };
 // Of levels, more than there is memory for: the last is of 4^16 cells along an axis.
-Node lists[16][64];
-int counts[16], nexts[16];
-int64_t begins[16], rows[16], planes[16], size = 0;
+Node lists[LEVELS][64];
+int counts[LEVELS], nexts[LEVELS];
+int64_t begins[LEVELS], rows[LEVELS], planes[LEVELS], size = 0;
 int root = 0;
 for (;; ++root) {
     const int bits = 2 * root + 2;
@@ -314,7 +317,8 @@ def make_climb(dtype, sign):
     Field = make_samples(dtype)
     shift = "field.shift" if dtype in (wp.float16, wp.float32, wp.float64) else "0.0"
     stored = {wp.float16: "float", wp.float32: "float", wp.float64: "double"}.get(dtype, f"{dtype.__name__}_t")
-    text = CLIMB.replace("SHIFT", shift).replace("SIGN", str(sign)).replace("STORED", stored)
+    text = CLIMB.replace("LEVELS", str(LEVELS))
+    text = text.replace("SHIFT", shift).replace("SIGN", str(sign)).replace("STORED", stored)
 
     @wp.func_native(VECTORS + text)
     def climb(

@@ -9,6 +9,7 @@ import pytest
 
 import wvr
 import wvr.frame
+from wvr.kernels.field.climb import LEVELS
 
 from ..extending.marschner_lobb import MarschnerLobb
 from ..helpers import centered
@@ -126,6 +127,11 @@ def test_clips_are_exact(what, name):
     image = image_of(volume, what, camera, clip=clip)
     held(image, what, scene_of(volume, SPAN, clip), camera, pixels((24, 20), 12))
     assert np.median(image.error_bound[np.isfinite(image.values)]) < 1e-6
+
+
+def test_the_tree_of_the_longest_axis_has_room():
+    """A node of a level is as long as four of the one below, and one of the last is as long as an axis may be."""
+    assert 4**LEVELS >= 2**31 - 2
 
 
 def test_labels_leave_out_what_has_no_transfer_function():
