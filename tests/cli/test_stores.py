@@ -26,6 +26,12 @@ def test_ranges_are_written_beside_a_store(run, store, tmp_path):
     assert wvr.open(tmp_path / store, c=1).ranges is not None
 
 
+def test_a_store_is_described_as_the_array_is(run, store):
+    np.save("a.npy", DATA)
+    (code, out, err), (_, expected, _) = run("info", store, "--select", "c:1"), run("info", "a.npy")
+    assert (code, err) == (0, "") and out.splitlines()[1:] == expected.splitlines()[1:]
+
+
 def test_a_store_is_rendered_with_what_is_given(run, store, rendered):
     run("ranges", store, "--select", "c:1")
     options = "--memory-limit", "1GiB", "--budget", "200MB", "--missing", "bound", "--select", "c:1"

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from .source import Input
 from .stages import Stages
+from .stores import Level, whole
 
 if TYPE_CHECKING:
     from ..transfer_function import TransferFunction
@@ -24,6 +25,8 @@ def info(
     /,
     *,
     histogram: Annotated[bool, Parameter(negative="")] = False,
+    level: Level = None,
+    select: Annotated[tuple[str, ...], Parameter(negative="")] = (),
     save_tf: Annotated[tuple[str, Path] | None, Parameter(negative="")] = None,
     reading: Input = Input(),  # noqa: B008 - frozen
 ) -> None:
@@ -35,13 +38,17 @@ def info(
         File, folder of slices, or name of a dataset.
     histogram
         Draw the histogram; bars are as long as the logarithm of the count.
+    level
+        Of a store (zarr, OME-Zarr) that is a pyramid, 0 is the finest. All of it is read into memory.
+    select
+        AXIS:INDEX of a store's axes that are not x, y or z: t:0, c:1. May be given several times.
     save_tf
         NAME FILE: write the suggestion of that name to a .json file, every digit of it.
     """
     from ..presets import suggest
 
     with Stages() as stage:
-        volume = reading.load(source, "transparent", stage)
+        volume = whole(source, level, select, "transparent", reading, stage)
         stage("counting")
         values = volume.numpy().ravel()
         finite = values[np.isfinite(values)] if volume.has_nonfinite else values

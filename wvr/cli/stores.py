@@ -17,6 +17,7 @@ from .stages import Stages
 
 if TYPE_CHECKING:
     from ..bricks.stored import StoredVolume
+    from ..volume import Volume
     from .source import Input
 
 Workers = Annotated[int | None, Parameter(validator=Number(gte=1))]
@@ -88,6 +89,22 @@ class Streaming:
         """A client of the cluster that renders; None where there is none."""
         with clients(self.workers, self.scheduler) as client:
             yield client
+
+
+def whole(
+    source: str,
+    level: int | None,
+    select: tuple[str, ...],
+    nan: Literal["error", "transparent"],
+    reading: Input,
+    stage: Stages,
+) -> Volume:
+    """All samples of a source in memory, those of a store included."""
+    stored = Streaming(level=level, select=select).load(source, nan, reading)
+    if stored is None:
+        return reading.load(source, nan, stage)
+    stage(f"reading {source}")
+    return stored.loaded()
 
 
 @contextmanager

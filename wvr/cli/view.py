@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import suppress
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -13,7 +13,7 @@ from cyclopts.validators import Number
 from .look import Look
 from .source import Input
 from .stages import Stages
-from .stores import Level, Streaming
+from .stores import Level, whole
 
 
 def view(
@@ -45,18 +45,13 @@ def view(
     """
     import wvr
 
-    from ..bricks.stored import StoredVolume
-
     if not sources:
         raise ValueError("give a file, a folder of slices or the name of a dataset")
     if look.size != Look.size:
         raise ValueError(f"--size is for images, a page has its own, got {look.size!r}")
     keywords = look.keywords()
     with Stages() as stage:
-        stores = Streaming(level=level, select=select)
-        opened = [stores.load(source, look.nan, reading) or reading.load(source, look.nan, stage) for source in sources]
-        stage("reading")
-        volumes: list[Any] = [volume.loaded() if isinstance(volume, StoredVolume) else volume for volume in opened]
+        volumes = [whole(source, level, select, look.nan, reading, stage) for source in sources]
         keywords = look.of(volumes[0], keywords).keywords
         del keywords["size"]
         token = os.environ.get("WVR_VIEW_TOKEN") or None
