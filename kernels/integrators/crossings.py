@@ -30,6 +30,8 @@ ROUNDED = 2 * U
 ADDED = 64 * U
 # Of opacity (S14), in parts of it.
 OPACITY_ULPS = 16 * U
+# What a line that is drawn too far adds where its extinction falls below 0 (S13).
+FALLEN = 4.3
 # What a piece may be off by in any case, in parts of the brightest colour.
 LITTLE = 1e-11
 # Steps of a part, of which one more is left to others.
@@ -280,7 +282,7 @@ while (busy) {
     const vf linear = bright * (L * d + WHOLE(6) * over)
         + thin.A * (bright * (OPACITY_ULPS) + c[6] + steep * delta + astray * color[7]);
     const vf e = 1.00001f * (linear
-        + steep * (4.3f * R * (L * d) + MIN(R * thin.rest, closer) + (SERIES_ULPS) * R * (G + a)));
+        + steep * (FALLEN * R * (L * d) + MIN(R * thin.rest, closer) + (SERIES_ULPS) * R * (G + a)));
     *(vf*)most = share * thin.A + absolute * L + (LITTLE) * bright;
     // A width below 0 says that the row holds nothing; and nothing overflows (S9).
     const vi holds = (c[1] >= zero) & (R < WIDEST) & (x < 2.0f * DEEPEST);
@@ -408,6 +410,7 @@ def make_crossings(lighted=False, clipped=False):
         "SERIES_ULPS": SERIES_ULPS,
         "ROUNDED": ROUNDED,
         "ADDED": ADDED,
+        "FALLEN": FALLEN,
         "LITTLE": LITTLE,
         "VALUE": VALUE,
         "WIDEST": WIDEST,
