@@ -1,5 +1,8 @@
 """The renderer: what is kept between frames, what a render refuses, and its statistics."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -253,3 +256,15 @@ def test_all_that_takes_steps_is_refused_too_many(scene):
     for shadows in (wvr.ConvolutionShadows(slice_distance=1e-9), wvr.ConvolutionShadows(subsamples=10**9)):
         with pytest.raises(ValueError, match="shadows must take at most 16777216 steps"):
             wvr.render(*scene, (4, 4), shadows=shadows)
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda r: pickle.loads(pickle.dumps(r))])
+def test_a_copy_has_frames_of_its_own(blobs, smooth_tf, copied):
+    renderer, camera = wvr.Renderer(blobs, smooth_tf, tolerance=0.01), wvr.Camera.fit(blobs)
+    image = renderer.render(camera, (8, 8))
+    other = copied(renderer)
+    other.transfer_function = wvr.TransferFunction([(0, "red", 0.1), (1, "blue", 0.9)])
+    assert other.builds == {} and other.tolerance == 0.01
+    assert np.any(other.render(camera, (8, 8)).rgba != image.rgba)
+    np.testing.assert_array_equal(renderer.render(camera, (8, 8)).rgba, image.rgba)
+    np.testing.assert_array_equal(copied(renderer).render(camera, (8, 8)).rgba, image.rgba)

@@ -126,6 +126,10 @@ class Renderer:
             raise AttributeError(f"a Renderer has no {name!r} to assign, but {there}")
         super().__setattr__(name, value)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What it was told: a copy, also of a pickle, builds what it keeps anew and has frames of its own."""
+        return vars(self) | {"_bricks": None, "_keepers": {}, "_lock": Lock()}
+
     @property
     def tolerance(self) -> float | None:
         """That of the integrator, if it has one; what is assigned is that of :class:`wvr.Certified`."""
