@@ -2,7 +2,8 @@
 nothing else in it.
 
 A ray is a walk of segments composed front to back. How it walks and what a segment contributes is a march, as of
-``scene.Halves``; clips and labels cut the ray into stretches, which are marched one by one and composed like segments.
+``scene.Halves``; clips and labels cut the ray into stretches, which are marched one after the other and composed like
+segments.
 """
 
 from functools import cache
@@ -10,6 +11,7 @@ from functools import cache
 import warp as wp
 
 from .bricks.brick import Brick, clearing, has, on_grain, owned, unspent
+from .cuts.abreast import make_stretches_abreast
 from .cuts.stretches import make_stretches
 from .field.absent import make_grazed
 from .precision import vec4_of
@@ -236,7 +238,7 @@ def make_raycasts(halves):
     Scene = halves.Scene
     rays = halves.rays
     assert rays == TILE
-    march = halves.march.together(halves)
+    march = make_stretches_abreast(halves) if halves.cuts.any else halves.march.together(halves)
     limits = halves.march.limits(halves)
     holes = not halves.field.finite
     around = make_bound(halves)

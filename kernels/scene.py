@@ -45,8 +45,9 @@ class Halves:
 
     @property
     def rays(self) -> int:
-        """Rays of a work item: several of a march that takes them at a time, where nothing cuts them."""
-        return 1 if self.cuts.any or not self.vectors else getattr(self.march, "rays", 1)
+        """Rays of a work item: several of a march that takes them at a time, where a ray knows only its own light."""
+        apart = self.cuts.labels is not None or (self.cuts.clipped and self.light is not None)
+        return 1 if apart or not self.vectors else getattr(self.march, "rays", 1)
 
     @property
     def leaves(self) -> bool:

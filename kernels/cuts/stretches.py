@@ -113,10 +113,8 @@ def make_stretches(halves):
             if wp.static(cuts.clipped):
                 loose = near_surfaces(scene.cuts.clipping, origin, direction, start, stop)
                 bound = most * wp.min(one, scene.march.densest * loose)
-        # A march has counted what is behind only where it ended itself: where the sum is beyond rounding of that.
-        last = opaque + wp.float64(wp.static(2.0**-50))
         t = start
-        while t < stop and ray[3] <= last:
+        while t < stop and ray[3] <= opaque:
             state, until, loose = span(scene, origin, direction, t, stop)
             clear = one - ray[3]
             if wp.static(bounded):
@@ -148,6 +146,10 @@ def make_stretches(halves):
                     scene.trace.taken = steps.taken
                 ray = over(ray, stretch)
                 count += number
+                if wp.static(bounded):
+                    if ray[3] > opaque and one - stretch[3] >= one - scene.opaque:
+                        # By rounding of the sum alone, so that the march has not counted what is behind.
+                        bound += (one - ray[3]) * scene.march.brightest
             t = until
         return ray, count, bound
 

@@ -119,6 +119,12 @@ def test_clips_and_labels_split_alike(split):
         exact = wvr.render(VOLUME, None, camera, SIZE, integrator=wvr.Exact(), **cut)
         whole = wvr.render(VOLUME, None, camera, SIZE, tolerance=1 / 256, **cut)
         assert_within(split((6, 6, 6), camera, tolerance=1 / 256, **cut), whole, exact)
+        # By clips alone: abreast.
+        exact, whole = (
+            wvr.render(VOLUME, TF, camera, SIZE, clip=clips, integrator=method)
+            for method in (wvr.Exact(), wvr.Certified(1 / 256))
+        )
+        assert_within(split((6, 6, 6), camera, tolerance=1 / 256, clip=clips), whole, exact)
         riemann = {"integrator": wvr.Riemann(0.77), "clip": clips, **WHOLE}
         whole = wvr.render(VOLUME, TF, camera, SIZE, **riemann)
         np.testing.assert_allclose(split((6, 6, 6), camera, **riemann).rgba, whole.rgba, atol=1e-11)
