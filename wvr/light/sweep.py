@@ -216,6 +216,7 @@ def travel(
     # Byte by byte: to make out what an array of structs is like takes 0.7 ms.
     packed = wp.array(np.frombuffer(scene.__ctype__(), np.uint8), dtype=wp.uint8, device=device)
     scenes = wp.array(ptr=packed.ptr, dtype=halves.Scene, shape=(1,), device=device)
+    scenes._ref = packed  # as Warp has it of views: whoever holds the one holds the other
     source = 0
     for first in range(0, slices, chunk):
         count, lead = min(chunk, slices - first), min(behind, first)
