@@ -238,21 +238,23 @@ def test_refused(changes, message):
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize("size", [1e30, 1e80, 1e150])
 def test_as_large_as_cameras_are(size):
-    """Whatever is that far away, the bound is not less than the error."""
+    """Whatever is that far away, or that far aside, the bound is not less than the error."""
     volume = wvr.Volume(np.random.default_rng(1).integers(0, 255, (4, 5, 6), np.uint8))
     tf = wvr.TransferFunction([(0, "navy", 0.05), (100, "white", 0.3), (255, "red", 0.7)])
     near, way = np.array([5.5, 3, 2.5]), np.array([-1.0, 0.2, -0.3])
-    for camera in (
-        Camera(near, near + size * way),
-        Camera(near, near + size * way, parallel_scale=3.0),
-        Camera(near - size * way, near, parallel_scale=3.0),
-        Camera(near - size * way, near + size * way),
-        Camera(near, near + way, parallel_scale=size),
+    for camera, (width, height) in (
+        (Camera(near, near + size * way), (3, 3)),
+        (Camera(near, near + size * way, parallel_scale=3.0), (3, 3)),
+        (Camera(near - size * way, near, parallel_scale=3.0), (3, 3)),
+        (Camera(near - size * way, near + size * way), (3, 3)),
+        (Camera(near, near + way, parallel_scale=size), (3, 3)),
+        (Camera(near, near + way, parallel_scale=size), (20001, 1)),
     ):
-        image = wvr.render(volume, tf, camera, (3, 3))
-        pixel = wvr.enclose(volume, tf, camera, 1, 1, (3, 3))
-        off = np.maximum(pixel.lower - image.rgba[1, 1], image.rgba[1, 1] - pixel.upper).max()
-        assert off <= image.error_bound[1, 1]
+        image = wvr.render(volume, tf, camera, (width, height))
+        x, y = width // 2, height // 2
+        pixel = wvr.enclose(volume, tf, camera, x, y, (width, height))
+        off = np.maximum(pixel.lower - image.rgba[y, x], image.rgba[y, x] - pixel.upper).max()
+        assert off <= image.error_bound[y, x]
 
 
 @pytest.mark.parametrize(

@@ -362,10 +362,12 @@ def view(volume: Field, camera: Camera, width: int, height: int) -> Any:
     reach = np.abs(volume.corners - near).max(axis=0) + np.abs(near - volume.index_to_world[:3, 3])
     sizes = reach + extent + abs(along) * np.abs(forward)
     # Directions are sums in which much cancels in the middle of a wide view; they turn rays about their anchors.
-    edges = turns * (width * float(np.linalg.norm(right)) + height * float(np.linalg.norm(down))) / 2
+    edges = 0.0
+    if turns:
+        edges = (width * float(np.linalg.norm(right)) + height * float(np.linalg.norm(down))) / 2
+        farthest = np.linalg.norm(volume.corners - near, axis=1).max() + abs(along) + np.linalg.norm(extent)
+        sizes += edges * float(farthest)
     result.broad = 1.0 + edges
-    farthest = np.linalg.norm(volume.corners - near, axis=1).max() + abs(along) + np.linalg.norm(extent)
-    sizes += edges * float(farthest)
     inverse = np.abs(to_index)
     result.astray = ASTRAY * float((inverse @ np.abs(volume.index_to_world[:3, :3]) @ inverse @ sizes).max())
     return result

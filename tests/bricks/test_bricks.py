@@ -80,7 +80,13 @@ def assert_within(image: wvr.Image, whole: wvr.Image, exact: wvr.Image) -> None:
     assert image.error_bound.max() <= 1 / 256 and image.stats["rays_over_tolerance"] == 0
 
 
-@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
+def far_away(way) -> wvr.Camera:
+    """A parallel camera whose position has no digits next to the volume."""
+    target = VOLUME.corners.mean(axis=0)
+    return wvr.Camera(target - 2.0**60 * np.array(way), target, (0.3, 1, 0.2), parallel_scale=4.0)
+
+
+@pytest.mark.parametrize("camera", [*CAMERAS.values(), far_away((1, 0.6, 0.4))], ids=[*CAMERAS, "far away"])
 def test_certified_bricks_are_within_their_bounds(split, camera):
     exact = wvr.render(VOLUME, TF, camera, SIZE, integrator=wvr.Exact())
     whole = wvr.render(VOLUME, TF, camera, SIZE, tolerance=1 / 256)
@@ -128,6 +134,19 @@ def test_clips_and_labels_split_alike(split):
         riemann = {"integrator": wvr.Riemann(0.77), "clip": clips, **WHOLE}
         whole = wvr.render(VOLUME, TF, camera, SIZE, **riemann)
         np.testing.assert_allclose(split((6, 6, 6), camera, **riemann).rgba, whole.rgba, atol=1e-11)
+
+
+@pytest.mark.filterwarnings("ignore:.* are bounded by more")
+def test_depths_from_far_away_are_loose_in_bricks_too(split):
+    """Rounding of so long a depth is more than the volume: nobody knows which bricks a ray ends in front of."""
+    for way in np.random.default_rng(3).normal(size=(4, 3)):
+        camera = far_away(way)
+        depth = np.full(SIZE[::-1], np.linalg.norm(camera.target - camera.position))
+        for image in (
+            wvr.render(VOLUME, TF, camera, SIZE, tolerance=1 / 256, depth=depth),
+            split((6, 6, 6), camera, tolerance=1 / 256, depth=depth),
+        ):
+            assert image.error_bound.min() > 0.5
 
 
 @pytest.mark.parametrize("integrator", [wvr.Certified(1 / 256), wvr.Exact(), wvr.Riemann(0.77)], ids=repr)

@@ -24,7 +24,7 @@ from ..kernels.precision import REALS
 from ..kernels.scene import Halves
 from ..scene import Scene
 from ..volume import Volume
-from .grid import UPPER, Bricks, Index, Rect, common, footprint
+from .grid import UPPER, Bricks, Index, Rect, common, footprint, from_camera
 from .partial import Partial
 
 
@@ -147,14 +147,19 @@ class Caster:
         if rect is not None and self.ends is not None:
             matrix = self.scene.volume.index_to_world
             corners = np.where(UPPER, high + 1.0, low - 1.0) @ matrix[:3, :3].T + matrix[:3, 3]
-            if ((corners - self.camera.position) @ self.basis[2]).min() > self.ends[rect].max():
+            nearest = from_camera(corners, self.scene.volume, self.camera, self.basis)[2].min()
+            farthest = self.ends[rect].max()
+            # As far as rounding may put what is there, as ``kernels.ray.slack`` has it.
+            off = self.view.rounded + 2.0**-48 * self.view.broad * (abs(farthest) + abs(self.view.depth))
+            if nearest - off > farthest:
                 return None
         return rect
 
     def seen_in(self, low: NDArray[np.number], high: NDArray[np.number]) -> Rect | None:
         """The pixels that may see cells between two places."""
         thin = np.array(self.scene.volume.shape[::-1]) == 1
-        box = low - 0.5 * thin, high + 0.5 * thin
+        off = 0.5 * thin + 2 * self.view.astray
+        box = low - off, high + off
         return footprint(self.scene.volume, box, self.camera, self.basis, self.size)
 
     def lines(self, x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

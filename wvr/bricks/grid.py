@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,23 +118,33 @@ def footprint(
     width, height = size
     low, high = box
     corners = np.where(UPPER, high, low) @ field.index_to_world[:3, :3].T + field.index_to_world[:3, 3]
-    right, up, forward = basis
-    offset = corners - camera.position
-    depth = offset @ forward
-    reach = float(np.abs(offset).max())
-    half = camera.half_height
+    right, up, depth = from_camera(corners, field, camera, basis)
+    reach = float(np.abs(corners - camera.position).max())
+    half: Any = camera.half_height
     if not camera.parallel:
         if (depth < -1e-9 * reach).all():
             return None
         if (depth <= 1e-6 * reach).any():
             return slice(0, height), slice(0, width)
         half = half * depth
-    x, y = ((offset @ axis) / half * height / 2 for axis in (right, -up))
+    x, y = (across / half * height / 2 for across in (right, -up))
     if np.abs([x, y]).max() > 1e9:
         return slice(0, height), slice(0, width)
     columns = _span(x + (width - 1) / 2, width)
     rows = _span(y + (height - 1) / 2, height)
     return None if columns is None or rows is None else (rows, columns)
+
+
+def from_camera(
+    points: NDArray[np.float64], field: Field, camera: Camera, basis: tuple
+) -> tuple[NDArray[np.float64], ...]:
+    """How far world points (n, 3) are to the right of a view's axis, above it, and ahead of the camera. As of rays,
+    from the nearer of the two points that define it, so that no digits are lost, however far away the other is.
+    """
+    middle = field.corners.mean(axis=0)
+    near = min(camera.position, camera.target, key=lambda point: float(np.abs(point - middle).max()))
+    right, up, ahead = ((points - near) @ axis for axis in basis)
+    return right, up, ahead + (near is camera.target) * float(np.linalg.norm(camera.target - camera.position))
 
 
 def common(a: Rect | None, b: Rect | None) -> Rect | None:
