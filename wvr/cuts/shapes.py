@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,10 +18,10 @@ from .base import Floats, Shape
 THIN = 1e-150
 
 
-def _check_size(value: Floats | float, name: str) -> None:
+def _check_size(value: Floats | float, given: Any, name: str) -> None:
     """Say so where there is more than maps to the clip's own coordinates are made of."""
     if np.abs(value).max() > FARTHEST:
-        raise ValueError(f"{name} must be within {FARTHEST:g}, got {np.asarray(value).tolist()}")
+        raise ValueError(f"{name} must be within {FARTHEST:g}, got {given!r}")
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class ClipPlane(Shape):
 
     def __post_init__(self) -> None:
         point = finite_vector(self.point, "point", "a point of the plane")
-        _check_size(point, "point")
+        _check_size(point, self.point, "point")
         normal = finite_vector(self.normal, "normal", "a direction that is not zero")
         if not np.any(normal):
             raise ValueError(f"normal must not be zero, got {self.normal!r}")
@@ -144,8 +144,8 @@ class ClipSphere(Shape):
     def __post_init__(self) -> None:
         center = finite_vector(self.center, "center", "the centre of the sphere")
         radius = positive(self.radius, "radius")
-        _check_size(center, "center")
-        _check_size(radius, "radius")
+        _check_size(center, self.center, "center")
+        _check_size(radius, self.radius, "radius")
         self.define(np.eye(3) / max(radius, THIN), center, center=center)
 
     def holds(self, points: Floats) -> NDArray[np.bool_]:
