@@ -139,6 +139,28 @@ sys.exit(main())"""
     assert process.returncode == 130 and out == "" and "Traceback" not in err
 
 
+def test_ctrl_c_while_threads_start():
+    """What started before its pool knew of it does not keep the process from ending."""
+    command = """
+import threading, wvr
+volume = wvr.datasets.load("blobs", 16)
+renderer = wvr.Renderer(volume, wvr.TransferFunction([(0, "navy", 0), (255, "gold", 0.3)]))
+start = threading.Thread.start
+def interrupted(self):
+    start(self)
+    threading.Thread.start = start
+    raise KeyboardInterrupt
+wvr.set_num_threads(2)
+threading.Thread.start = interrupted
+try:
+    renderer.render(wvr.Camera.fit(volume), (32, 32))
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+    done = subprocess.run([*PYTHON, command], capture_output=True, text=True, timeout=60)
+    assert done.stdout == "interrupted\n", done.stderr
+
+
 @pytest.mark.parametrize("how", ["launch", "in turn"])
 @pytest.mark.parametrize("count", [1, 3])
 def test_an_error_in_a_strip_ends_the_others(how, count, threads, monkeypatch):

@@ -441,8 +441,8 @@ def _work(
         with suppress(Empty):
             wake.get(timeout=timeout)
 
+    pool = _pool(get_num_threads())
     try:
-        pool = _pool(get_num_threads())
         for _ in range(threads - joins):
             pool.submit(work)
         if joins:
@@ -458,6 +458,10 @@ def _work(
                     _tell(tell, share)
     except BaseException:
         stop()
+        # Ctrl-C may come when a thread has started and its pool does not know it yet: it would wait for work for
+        # ever. Told to end, a pool wakes all that wait; the next launch makes another.
+        _own.threads = 0
+        pool.shutdown(wait=False)
         # Who enters later finds that nothing is to be done.
         while len(left) < len(entered):
             with suppress(KeyboardInterrupt):  # pressed again
