@@ -92,9 +92,8 @@ def gyroid(size: int, periods: float = 3.0) -> NDArray:
 def turbulence(size: int, seed: int = 1) -> NDArray:
     """Vorticity magnitude of :func:`vorticity`, scaled to a root mean square of 1."""
     squares = np.sum([component**2 for component in vorticity(size, seed)], axis=0)
-    mean = max(
-        float(squares.mean(dtype=np.float64)), float(np.finfo(np.float32).tiny)
-    )  # two samples resolve no wave at all
+    # Two samples resolve no wave at all.
+    mean = max(float(squares.mean(dtype=np.float64)), float(np.finfo(np.float32).tiny))
     return np.sqrt(squares / np.float32(mean))
 
 
