@@ -1,10 +1,11 @@
-# Everything happens in .venv; each target sets it up where it is missing or older than pyproject.toml.
+# Everything happens in .venv; each target sets up what it needs where it is missing or older than pyproject.toml.
+# What is installed is compiled to bytecode when first imported: most of it never is.
 PYTHON ?= python3
 BIN := .venv/bin
 
 .PHONY: demo demo-cluster test fuzz cuda lint bench studies docs release clean
 
-demo: .venv/ready
+demo: .venv/wvr
 	$(BIN)/python -m studies.demo
 
 demo-cluster: .venv/ready
@@ -35,13 +36,17 @@ docs: .venv/docs
 	$(BIN)/python -m sphinx -W --keep-going -q docs out/docs
 
 .venv/docs: .venv/ready
-	$(BIN)/python -m pip install --quiet --editable ".[docs]"
+	$(BIN)/python -m pip install --quiet --no-compile --editable ".[docs]"
 	touch $@
 
-.venv/ready: pyproject.toml
+.venv/ready: .venv/wvr
+	$(BIN)/python -m pip install --quiet --no-compile --editable ".[dev]"
+	touch $@
+
+.venv/wvr: pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	$(BIN)/python -m pip install --quiet --no-compile --editable .
 	touch $@
 
 # The wheel is made of the sdist, and tried where nothing else is.

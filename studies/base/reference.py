@@ -14,7 +14,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import quad_vec
 
 from wvr import Camera, TransferFunction, Volume
 
@@ -135,6 +134,8 @@ def quadrature(
     ``factor`` at the knots multiplies colours, ``ramp`` weights by the share of the length behind; opacity is weighted
     too, but not multiplied.
     """
+    from scipy.integrate import quad_vec  # which the demonstration does without
+
     lo, hi = min(front, back), max(front, back)
     cuts = np.unique(np.concatenate([[lo, hi], tf.knots[(tf.knots > lo) & (tf.knots < hi)]]))
     factor = np.ones(len(tf.knots)) if factor is None else factor
