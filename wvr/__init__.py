@@ -1,13 +1,12 @@
 """wvr, the Warp Volume Renderer: direct volume rendering of regular grids, fast and accurate, on CPUs and CUDA GPUs."""
 
-import sys
 from pathlib import Path
 
 # Kernels are beside this folder where it is that of a checkout, and not of an installation.
 if not (Path(__file__).parent / "kernels").is_dir():
     __path__.append(str(Path(__file__).parents[1]))
 
-from . import datasets, presets
+from . import datasets, doors, presets
 from .bricks.open import build_ranges
 from .bricks.open import open as open
 from .bricks.stored import StoredVolume
@@ -100,5 +99,4 @@ __all__ = [
 __version__ = "0.2.0"
 
 # Whoever imports xarray or PyVista first finds wvr at their objects; others import wvr.accessors.
-if "xarray" in sys.modules or "pyvista" in sys.modules:
-    from . import accessors as accessors
+doors.register_imported()
