@@ -1,4 +1,4 @@
-"""Importing this opens ``grid.wvr`` and ``plotter.wvr`` of PyVista and ``array.wvr`` of xarray, in any order of imports.
+"""Importing this opens ``grid.wvr`` and ``plotter.wvr`` of PyVista and ``array.wvr`` of xarray, whatever came first.
 
 It is PyVista's entry point, which is imported once: wvr opens doors without it, or PyVista, imported later, had none.
 """
