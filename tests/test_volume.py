@@ -19,6 +19,7 @@ def test_numpy_is_not_copied():
         array = PLAIN.astype(dtype)
         volume = wvr.Volume(array)
         assert np.shares_memory(volume.numpy(), array) and volume.dtype == dtype
+        assert np.shares_memory(np.asarray(volume), array)
         on_device = volume.on("cpu")
         assert on_device.ptr == array.ctypes.data and volume.on("cpu") is on_device
         np.testing.assert_array_equal(on_device.numpy(), array)

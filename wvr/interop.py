@@ -118,7 +118,7 @@ def array_to_render(
     if scalars is None:
         scalars = active[0] or active[1] or (names[0] if len(names) == 1 else None)
     if not names:
-        raise ValueError("image_data has no point or cell array to render")
+        raise ValueError("the dataset has no point or cell array to render")
     if scalars not in names:
         problem = (
             "scalars must name the array, none is active" if scalars is None else f"scalars={scalars!r} is unknown"

@@ -73,6 +73,7 @@ ARRAY = "say it with the array: wvr.as_volume(array, {})"
 LIGHT = "say lighting=wvr.Lighting({})"
 PLOT = "image.plot({}) draws around an image, and returns Matplotlib's axes to draw more"
 WINDOW = "rendering opens no window: image.show() does, image.save(path) writes a file"
+STEP = "say integrator=wvr.Riemann(step), or tolerance= for an error"
 # Of PyVista's add_volume, plotters and show, and of others: what to write here.
 ELSEWHERE = {
     "cmap": 'give the colour map, its name or a list of colours as the transfer function: wvr.render(data, "viridis")',
@@ -121,7 +122,11 @@ ELSEWHERE = {
     "output": WINDOW,
     "filename": WINDOW,
     "threads": "wvr.set_num_threads(n) sets it for all",
-    "step": "say integrator=wvr.Riemann(step), or tolerance= for an error",
+    "num_threads": "wvr.set_num_threads(n) sets it for all",
+    "step": STEP,
+    "step_size": STEP,
+    "sample_distance": STEP,
+    "interpolation": "between samples the field is trilinear, always",
 }
 
 

@@ -281,7 +281,12 @@ def _from_dataset(data: Any, scalars: str | None, nan: NanPolicy | None) -> Volu
 
     from .interop import from_pyvista
 
-    grid = pv.wrap(data)
+    if isinstance(data, pv.BasePlotter):
+        raise TypeError("data is a plotter: plotter.wvr.screenshot() renders the volume that it shows")
+    try:
+        grid = pv.wrap(data)
+    except NotImplementedError:
+        raise TypeError(f"data must be a PyVista grid with an inside, got {type(data).__name__}") from None
     if isinstance(grid, pv.MultiBlock):
         raise TypeError(f"data is a MultiBlock of {len(grid)}: pass one of them, such as data[0], or data.combine()")
     if isinstance(grid, pv.ImageData):
@@ -318,7 +323,7 @@ def _resampled(grid: pv.DataSet, scalars: str | None, nan: NanPolicy) -> Volume:
     """
     import pyvista as pv
 
-    from .interop import from_pyvista
+    from .interop import array_to_render, from_pyvista
 
     bounds = np.reshape(grid.bounds, (3, 2))
     lengths = bounds[:, 1] - bounds[:, 0]
@@ -328,10 +333,10 @@ def _resampled(grid: pv.DataSet, scalars: str | None, nan: NanPolicy) -> Volume:
     dimensions = np.clip(np.ceil(lengths / step).astype(int) + 1, 2, 1024)
     spacing = lengths / (dimensions - 1)
     image = pv.ImageData(dimensions=tuple(dimensions), spacing=tuple(spacing), origin=tuple(bounds[:, 0]))
+    # Before VTK adds an array of its own, which says what is inside.
+    points, cells = list(grid.point_data), list(grid.cell_data)
+    name, _ = array_to_render(points, cells, (grid.active_scalars_name, None), scalars)
     sampled = image.sample(grid)
-    name = scalars or grid.active_scalars_name or next((str(key) for key in sampled.point_data), None)
-    if name is None or name not in sampled.point_data:
-        raise ValueError(f"scalars must name an array of the dataset, one of {grid.array_names}, got {scalars!r}")
     values = np.asarray(sampled.point_data[name], np.float32).copy()
     inside = np.asarray(sampled.point_data["vtkValidPointMask"]) > 0
     values[~inside] = np.nan
@@ -341,4 +346,4 @@ def _resampled(grid: pv.DataSet, scalars: str | None, nan: NanPolicy) -> Volume:
         f"error bounds are of what is made of it",
         stacklevel=outside(),
     )
-    return from_pyvista(image, str(name), nan).copied(Copied.of(None, np.asarray, np.asarray))
+    return from_pyvista(image, name, nan).copied(Copied.of(None, np.asarray, np.asarray))

@@ -103,7 +103,7 @@ def path_of(value: Any, name: str = "path") -> Path:
     try:
         path = Path(os.fsdecode(value))
     except TypeError:
-        raise TypeError(f"{name} must be a path (str or os.PathLike), got {value!r}") from None
+        raise TypeError(f"{name} must be a path (str or os.PathLike), got {type(value).__name__}") from None
     if not os.fspath(value):
         raise ValueError(f"{name} must not be empty")
     if "\0" in str(path):

@@ -164,6 +164,9 @@ class Volume(Posed, Field):
         self._lent = True
         return self.host()
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray:
+        return np.array(self.numpy(), dtype=dtype, copy=copy)
+
     @property
     def data(self) -> Any:
         """The samples as they are kept: a NumPy array, or a Warp array on its own device."""
@@ -434,9 +437,8 @@ def _host_view(array: Any) -> Any:
 
 def _check(dtype: np.dtype, shape: tuple[int, ...]) -> None:
     if dtype.names is not None or (len(shape) == 4 and shape[-1] in (2, 3, 4, 6, 9)):
-        raise ValueError(
-            f"array must have one component a sample, got shape {shape} of {dtype}; pick one, e.g. array[..., 0]"
-        )
+        one = "array[..., 0]" if dtype.names is None else f"array[{dtype.names[0]!r}]"
+        raise ValueError(f"array must have one component a sample, got shape {shape} of {dtype}; pick one, e.g. {one}")
     if dtype.newbyteorder("=").name not in DTYPES:
         hint = {"b": "uint8", "c": "float32 (e.g. np.abs(array).astype(np.float32))"}.get(
             dtype.kind, "int16, uint16 or float64, whichever holds its values"
