@@ -17,7 +17,7 @@ from .study import study
 from .view import view
 from .warm_up import warm_up
 
-app = App(name="wvr", help="Direct volume rendering, fast and accurate.", version=__version__, help_format="plaintext")
+app = App(name="wvr", help="Direct volume rendering, fast and accurate.", version=__version__, help_format="markdown")
 for command in (render, orbit, view, info, ranges, warm_up, study):
     app.command(command)
 app.register_install_completion_command(help="Have the shell complete commands and options.")
