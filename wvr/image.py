@@ -403,7 +403,8 @@ class Image:
         return self.png()
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray:
-        return np.array(self.rgba, dtype=dtype, copy=copy)
+        # NumPy 1 knows no None.
+        return np.asarray(self.rgba, dtype) if copy is None else np.array(self.rgba, dtype, copy=copy)
 
     def __repr__(self) -> str:
         width, height = self.size

@@ -165,7 +165,8 @@ class Volume(Posed, Field):
         return self.host()
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray:
-        return np.array(self.numpy(), dtype=dtype, copy=copy)
+        # NumPy 1 knows no None.
+        return np.asarray(self.numpy(), dtype) if copy is None else np.array(self.numpy(), dtype, copy=copy)
 
     @property
     def data(self) -> Any:
