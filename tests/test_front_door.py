@@ -121,7 +121,7 @@ def test_keywords_of_other_libraries_say_what_to_write(grid, keyword):
         (lambda v: wvr.render(pv.MultiBlock([v.to_pyvista()])), "pass one of them, such as data[0]"),
         (lambda v: wvr.render(pv.Sphere()), "a surface has none"),
         (lambda v: wvr.render(pv.Plotter(off_screen=True)), "plotter.wvr.screenshot()"),
-        (lambda v: wvr.render(pv.ImageData(dimensions=(2, 2, 2)).cast_to_unstructured_grid()), "no point or cell array"),
+        (lambda v: wvr.render(pv.ImageData(dimensions=(2, 2, 2)).cast_to_unstructured_grid()), "no point or cell"),
         (lambda v: wvr.read(v.numpy()), "path must be a path (str or os.PathLike), got ndarray"),
         (lambda v: wvr.Volume(np.zeros((3, 3, 3), [("t", "f4")])), "pick one, e.g. array['t']"),
         (lambda v: wvr.render("sphers"), "did you mean the dataset 'spheres'?"),

@@ -191,7 +191,7 @@ def test_other_grids_are_resampled_and_say_so(kind):
         volume = as_volume(grid, scalars="s")
     # What is its user's stays as it was.
     assert grid.active_scalars_name == "other"
-    with pytest.raises(ValueError, match="scalars='nothing' is unknown; there are .*'s'"):
+    with pytest.raises(ValueError, match=r"scalars='nothing' is unknown; there are .*'s'"):
         as_volume(grid, scalars="nothing")
     k, j, i = np.indices(volume.shape)
     points = np.stack([i, j, k], -1) @ volume.index_to_world[:3, :3].T + volume.origin
