@@ -108,9 +108,8 @@ def _download(url: str, output: Path, size: int, progress: _Progress) -> None:
     try:
         with requests.get(url, stream=True, timeout=STALL) as response, output.open("wb") as file:
             response.raise_for_status()
-            # What has come, however little; older versions wait for as much as is asked for.
-            read = getattr(response.raw, "read1", response.raw.read)
-            while part := read(2**16, decode_content=True):
+            # What has come, however little: read() waits for as much as is asked for.
+            while part := response.raw.read1(2**16, decode_content=True):
                 progress.update(len(part))
                 file.write(part)
                 if progress.done > size:
