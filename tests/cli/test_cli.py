@@ -156,6 +156,7 @@ def test_a_camera_by_position_and_target(run, rendered):
         (["mri"], lambda volume: preset("mri", volume.range)),
         (["mri", "--domain", "-5,100"], lambda volume: preset("mri", (-5, 100))),
         (["ct-bone", "--domain", "0,255"], lambda volume: preset("ct-bone", (0, 255))),
+        (["-9:red:0,90:#ffffff:0.5"], lambda volume: wvr.TransferFunction([(-9, "red", 0), (90, "white", 0.5)])),
         (["0:red:0,90:#ffffff:0.5"], lambda volume: wvr.TransferFunction([(0, "red", 0), (90, "white", 0.5)])),
     ],
 )

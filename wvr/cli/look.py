@@ -100,10 +100,10 @@ class Look:
         NaN and infinite samples are an error, or transparent.
     """
 
-    tf: str | None = None
+    tf: Vector | None = None
     cmap: str | None = None
     opacity: Vector | None = None
-    clim: Annotated[Vector | None, Parameter(name=["--clim", "--domain"])] = None
+    clim: Annotated[str | None, Parameter(name=["--clim", "--domain"], allow_leading_hyphen=True)] = None
     labels: Path | None = None
     tolerance: float | None = None
     integrator: str | None = None
