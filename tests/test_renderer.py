@@ -162,6 +162,7 @@ def test_table_size_and_generator(scene):
         ({"size": (5, -1)}, ValueError, "size"),
         ({"size": 512}, ValueError, "size must be two integers"),
         ({"size": (2.5, 2)}, ValueError, "size must be two integers"),
+        ({"size": (2**23 + 1, 1)}, ValueError, "size must be .* each at most 8388608"),
         ({"precision": "half"}, ValueError, "precision must be one of 'auto', 'float32', 'float64', got 'half'"),
         ({"device": "cuda:99"}, ValueError, "device must be one of .*got 'cuda:99'"),
         ({"termination": 1.0}, ValueError, r"termination must be in \[0, 1\), got 1.0"),

@@ -8,6 +8,7 @@ import pytest
 import warp as wp
 
 import wvr
+from wvr.field import samples
 from wvr.launch import get_device
 
 get_device()
@@ -187,3 +188,13 @@ def test_where_it_is_stays():
         for array in (copied(volume).spacing, copied(volume).index_to_world, copied(volume).corners, copied(tf).knots):
             with pytest.raises(ValueError, match="read-only"):
                 array[0] = 2
+
+
+def test_slices_that_are_too_large_are_rendered_in_bricks(monkeypatch):
+    """Of 2^31 bytes and more: arrays of Warp count bytes of a slice in 32 bits, and images were wrong (0.4 off)."""
+    monkeypatch.setattr(samples, "SLICE", 48)
+    scene = {"camera": "iso", "size": (4, 3), "lighting": False}
+    with pytest.raises(ValueError, match=r"slices array\[z\] of less than .* shape \(2, 3, 4\): give memory_limit"):
+        wvr.render(PLAIN, "gray", **scene)
+    monkeypatch.setattr(samples, "SLICE", 49)
+    assert wvr.render(PLAIN, "gray", **scene).rgba.any()

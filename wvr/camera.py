@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     import pyvista as pv
 
 
-# Pixels along a side of an image that can be counted.
-WIDEST = 2**31 - 1
+# Pixels along a side of an image: bytes of what is kept of a row are counted in 32 bits.
+WIDEST = 2**23
 # Lengths in the world whose squares are numbers.
 FARTHEST = 1e150
 

@@ -22,7 +22,9 @@ class Tops:
     it is less than the ``least``, there is nothing.
     """
 
-    codes: wp.array(dtype=wp.uint8)  # of the nodes [z, y, x] of a level, each with its children [z, y, x]; cells first
+    codes: wp.array2d(
+        dtype=wp.uint8
+    )  # of the nodes [z, y, x] of a level, each with its children [z, y, x]; cells first
     base: wp.float64
     scale: wp.float64
     least: int

@@ -9,7 +9,10 @@ import pytest
 
 import wvr
 import wvr.frame
+from wvr.field.tops import Tops
+from wvr.keep import Keeper
 from wvr.kernels.field.climb import LEVELS
+from wvr.launch import get_device
 
 from ..extending.marschner_lobb import MarschnerLobb
 from ..helpers import centered
@@ -132,6 +135,14 @@ def test_clips_are_exact(what, name):
 def test_the_tree_of_the_longest_axis_has_room():
     """A node of a level is as long as four of the one below, and one of the last is as long as an axis may be."""
     assert 4**LEVELS >= 2**31 - 2
+
+
+def test_trees_of_any_number_of_cells_are_arrays():
+    """Which have less than 2^31 of anything along an axis: there may be more cells than that."""
+    volume, keep = VOLUMES["noisy"], Keeper(get_device("cpu"))
+    low, high = volume.range
+    codes = keep(Tops(volume.part(), 1, low, high, True)).codes
+    assert codes.size >= np.prod(np.array(volume.shape) - 1) and max(codes.shape) <= codes.size // 64
 
 
 def test_labels_leave_out_what_has_no_transfer_function():

@@ -11,7 +11,10 @@ from ..keep import Keeper, Part
 from ..kernels.field.extremes import make_extremes
 from ..kernels.field.samples import make_samples
 from ..launch import launch
+from ..memory import gib
 
+# Bytes of a slice of samples from which on Warp's arrays, which count in 32 bits, do not find them.
+SLICE = 1 << 31
 # Work items that look through samples at most.
 MOST_ITEMS = 1 << 16
 
@@ -25,6 +28,12 @@ class Data(Part):
     name: ClassVar[str] = "volume"
 
     def build(self, keep: Keeper) -> wp.array:
+        _, rows, columns = (max(n, 2) for n in self.volume.shape)
+        if (size := rows * columns * self.volume.dtype.itemsize) >= SLICE:
+            raise ValueError(
+                f"volume must have slices array[z] of less than {gib(SLICE)}, got {gib(size)} in an array of shape "
+                f"{self.volume.shape}: give memory_limit, which renders it in bricks"
+            )
         return self.volume.uploaded(keep.device)
 
 

@@ -54,7 +54,8 @@ class Tops(Part):
         levels = [_nodes(codes)]
         while levels[-1].shape[:3] != (1, 1, 1):
             levels.append(_nodes(levels[-1].max(axis=3)))
-        codes = np.concatenate([level.ravel() for level in levels])
+        # In rows: no axis of an array is longer than 2^31, which there may be more cells than.
+        codes = np.concatenate([level.reshape(-1, 64) for level in levels])
         struct.codes = wp.array(codes, dtype=wp.uint8, device=keep.device)
         return struct
 
