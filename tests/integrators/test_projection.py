@@ -281,6 +281,20 @@ def test_samples_that_underflow_along_a_long_cell(what):
         assert abs(Fraction(image.values[0, 0]) - truth) <= Fraction(image.error_bound[0, 0])
 
 
+@pytest.mark.parametrize("what", ["mean", "sum"])
+def test_products_that_underflow_along_a_short_ray(what):
+    """Of lengths with what is seen in them: of a ray through the edge of a box, all that there is."""
+    short, unit = 2.0**-30, 2.0**40
+    samples = np.random.default_rng(4).random((3, 3, 3)) * 2.0**-1050
+    volume = wvr.Volume(samples, spacing=(unit,) * 3)
+    target = np.array([0, 2 - short, 1]) * unit
+    camera = wvr.Camera(target - np.array([8, 8, 0]) * unit, target, parallel_scale=unit)
+    image = image_of(volume, what, camera, (1, 1))
+    truth = samples[1, 2, 0] * (np.sqrt(2) * short * unit if what == "sum" else 1.0)
+    assert abs(image.values[0, 0] - truth) <= image.error_bound[0, 0] + 1e-8 * truth
+    assert image.values[0, 0] == 0 and image.error_bound[0, 0] < 2**30 * truth
+
+
 @pytest.mark.parametrize("what", WHAT)
 def test_denormal_samples(what):
     """Along any ray through long cells."""
