@@ -319,10 +319,12 @@ class Volume(Posed, Field):
 
     def scaled(self, exponent: int) -> Volume:
         """The same with samples times ``2**exponent``, in float64; kept until the samples change."""
-        if exponent not in self._scaled:
+        scaled = self._scaled.get(exponent)
+        if scaled is None:
             samples = times_power(self.host(), exponent)
-            self._scaled = {exponent: Volume(samples, self.spacing, self.origin, self.direction, self.nan)}
-        return self._scaled[exponent]
+            scaled = Volume(samples, self.spacing, self.origin, self.direction, self.nan)
+            self._scaled = {exponent: scaled}  # which a renderer of another thread may do at any time
+        return scaled
 
     @classmethod
     def from_pyvista(cls, image_data: pv.ImageData, scalars: str | None = None, nan: NanPolicy = "error") -> Volume:

@@ -145,6 +145,19 @@ def test_what_was_not_read_is_in_the_bound(store, camera, budget):
         assert image.stats["bytes_read"] < int(budget.split()[0]) * 1000 + 8 * 512
 
 
+def test_what_was_not_read_has_the_colours_of_all_labels():
+    """Those of a label that shows nothing are none, and take none of the others."""
+    labels = np.ones(DATA.shape, np.uint8)
+    labels[:, :, 20:] = 2
+    clear = wvr.TransferFunction([(0, "red", 0.0), (255, "red", 0.0)])
+    options = {"segmentation": wvr.Segmentation(labels, {1: TF, 2: clear})}
+    volume = wvr.build_ranges(opened(DATA))
+    image = wvr.render(volume, None, CAMERAS["outside"], SIZE, tolerance=TOLERANCE, budget=0, **options)
+    exact = wvr.render(WHOLE, None, CAMERAS["outside"], SIZE, integrator=wvr.Exact(), **options)
+    assert np.all(np.abs(image.rgba - exact.rgba).max(axis=2) <= image.error_bound)
+    assert exact.rgba[..., :3].max() > 0.5
+
+
 def test_under_a_budget_what_adds_most_to_the_bound_is_read_first(monkeypatch):
     """Structures behind fog, which may add little, and not the fog; all that is left is then within a tolerance."""
     data = RNG.integers(10, 20, (16, 16, 40)).astype(np.uint8)

@@ -69,7 +69,8 @@ def _looks(tf: TransferFunction, unit: float, ranges: Floats) -> Looks:
         high = np.where(where, ends, -np.inf).max(axis=0)
         low = np.minimum(low, _least(np.where(counted, numbers, np.inf), begin, end))
         high = np.maximum(high, -_least(np.where(counted, -numbers, np.inf), begin, end))
-        return low - ROUNDED * np.abs(low), high + ROUNDED * np.abs(high)
+        # None is negative, and those of nothing stay infinite.
+        return low * (1.0 - ROUNDED), high * (1.0 + ROUNDED)
 
     everywhere = np.ones((2, len(ranges)), bool)
     least, most = extremes(tau, np.ones(len(knots), bool), everywhere)
