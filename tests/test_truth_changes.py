@@ -277,7 +277,7 @@ def test_nan_written_into_a_clip_volume():
     volume = wvr.Volume(zeros("uint8") + 1)
     camera = wvr.Camera.fit(volume)
     for nan in ("error", "transparent"):
-        samples = zeros() + 1
+        samples = zeros("float64") + 1
         clip = wvr.ClipVolume(wvr.Volume(samples, nan=nan), iso=0.5)
         renderer = wvr.Renderer(volume, TF, clip=clip)
         assert assert_true(renderer, camera) > 0.9

@@ -360,6 +360,7 @@ def save_figure(figure: Figure, stem: Path) -> None:
     figure.savefig(png, format="png")
     with whole_file(stem.with_name(f"{stem.name}.png")) as file:
         file.write(smaller(png.getvalue()))
+    figure.set_layout_engine("none")  # laid out it is
     with whole_file(stem.with_name(f"{stem.name}.svg")) as file:
         figure.savefig(file, format="svg", metadata={"Date": None})
 
