@@ -404,6 +404,33 @@ def test_a_pyramid_has_its_place_and_a_preview(tmp_path):
     assert image.rgba[..., 3].max() > 0.1 and image.stats["blocks_read"] > 0
 
 
+@pytest.mark.parametrize("said", [True, False], ids=["scales", "no scales"])
+def test_coarser_levels_are_where_the_volume_is(tmp_path, said):
+    """Wherever it is put, and of levels that do not say how large they are; absent where it is. Elsewhere cameras that
+    are not given saw nothing, and levels with NaN were refused.
+    """
+    group = zarr.open_group(tmp_path / "a.zarr", mode="w", zarr_format=2)
+    levels = []
+    for n, data in enumerate((DATA.astype(np.float32), DATA[::2, ::2, ::2].astype(np.float32))):
+        data[0] = np.nan
+        group.create_array(str(n), shape=data.shape, chunks=(8, 8, 8), dtype="f4")[:] = data
+        scales = [
+            {"type": "scale", "scale": [2.0**n] * 3},
+            {"type": "translation", "translation": [(2**n - 1) / 2] * 3},
+        ]
+        levels.append({"path": str(n)} | ({"coordinateTransformations": scales} if said else {}))
+    axes = [{"name": name, "type": "space"} for name in "zyx"]
+    group.attrs["multiscales"] = [{"version": "0.4", "axes": axes, "datasets": levels}]
+    for place in ({}, {"spacing": (3.0, 1.0, 2.0), "origin": (1000.0, 0.0, -5.0)}):
+        volume = wvr.open(tmp_path / "a.zarr", nan="transparent", **place)
+        edges = [
+            one.index_to_world[:3, :3] @ (np.array(one.shape) - 0.5) + one.origin for one in (volume, volume.preview)
+        ]
+        np.testing.assert_allclose(*edges)
+        np.testing.assert_allclose(volume.preview.spacing, 2 * volume.spacing)
+        assert volume.preview.nan == "transparent"
+
+
 def test_a_store_of_one_level_is_suggested_for(monkeypatch):
     """As the volume is, where its samples are few; else by blocks that are evenly apart, in the same box."""
     volume, expected = opened(DATA), wvr.render(WHOLE, size=SIZE, lighting=False)

@@ -104,6 +104,12 @@ def open(
         volume.anatomical,
     )
     result.coarse, result.place = volume.coarse, beside
+    if (coarse := volume.coarse) is not None:
+        # Of the same policy, and where the volume is.
+        coarse.nan = result.nan
+        if spacing is not None or origin is not None:
+            moved = result.index_to_world @ np.linalg.inv(volume.index_to_world) @ coarse.index_to_world
+            result.coarse = placed(coarse, moved[:3, :3], moved[:3, 3])
     found = beside if ranges is None else path_of(ranges, "ranges")
     if found is not None and found.exists():
         attach(result, found)
@@ -354,7 +360,12 @@ def _pyramid(node: Any, pyramid: dict, level: int | None, selection: dict, path:
         entry = levels[number]
         volume = _zarr_array(node[entry["path"]], f"{what}, level {number}", selection, names)
         scale, translation = np.ones(len(names)), np.zeros(len(names))
-        for transformation in (*entry.get("coordinateTransformations", []), *common):
+        own = entry.get("coordinateTransformations", [])
+        if not any(transformation["type"] == "scale" for transformation in own):
+            # Where nothing is said, as before version 0.4, all levels fill the same box.
+            scale = np.divide(node[levels[0]["path"]].shape, node[entry["path"]].shape)
+            translation = (scale - 1) / 2
+        for transformation in (*own, *common):
             if transformation["type"] == "scale":
                 scale, translation = scale * transformation["scale"], translation * transformation["scale"]
             elif transformation["type"] == "translation":
