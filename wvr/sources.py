@@ -16,7 +16,7 @@ from .copied import Copied, has_memory
 from .field.base import Field
 from .launch import get_device
 from .samples import NanPolicy, narrowed
-from .validation import any_array, choice, outside, path_of
+from .validation import any_array, choice, computed, outside, path_of
 from .volume import Axes, Volume
 
 if TYPE_CHECKING:
@@ -150,7 +150,8 @@ def _from_array(
         _doubt(array)
     place = {"spacing": (1.0, 1.0, 1.0) if spacing is None else spacing}
     place["origin"] = (0.0, 0.0, 0.0) if origin is None else origin
-    masked = isinstance(data, np.ma.MaskedArray) and np.ma.is_masked(data)
+    # Dask says of its arrays alone whether they may be.
+    masked = np.ma.is_masked(data) or isinstance(getattr(data, "_meta", None), np.ma.MaskedArray)
     policy: NanPolicy = nan or ("transparent" if masked else "error")
     volume = Volume(array, **place, nan=policy, axes=axes)
     shared = data if isinstance(data, np.ndarray) else given
@@ -174,6 +175,7 @@ def _three_axes(array: Any) -> Any:
 
 def _samples(data: Any) -> Any:
     """A NumPy array, or a Warp array on its own device."""
+    data = computed(data)
     if isinstance(data, np.ma.MaskedArray):
         if not np.ma.is_masked(data):
             return data.data

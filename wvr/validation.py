@@ -111,8 +111,16 @@ def path_of(value: Any, name: str = "path") -> Path:
     return path
 
 
+def computed(values: Any) -> Any:
+    """What Dask computes of its arrays, with a mask if they have one, of which ``np.asarray`` says nothing."""
+    return values.compute() if type(values).__module__.startswith("dask.array") else values
+
+
 def any_array(values: Any, name: str) -> NDArray:
-    """What NumPy makes of ``values``; lists of lists of several lengths are none."""
+    """What NumPy makes of ``values``, with what is masked; lists of lists of several lengths are none."""
+    values = computed(values)
+    if np.ma.is_masked(values):
+        return values
     try:
         return np.asarray(values)
     except ValueError:

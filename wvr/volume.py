@@ -388,13 +388,13 @@ def _as_data(array: Any, axes: Axes) -> tuple[Any, bool]:
         raise TypeError(
             f"array must be an array, got {type(array).__name__}: wvr.as_volume takes it, with spacing and origin"
         )
-    if isinstance(array, np.ma.MaskedArray) and np.ma.is_masked(array):
+    if not isinstance(array, np.ndarray):
+        array = _from_device(array)
+    if np.ma.is_masked(array):
         raise TypeError(
             f"array has {np.ma.count_masked(array)} masked samples: wvr.as_volume(array) renders them as nothing, "
             f"array.filled(value) gives them a value"
         )
-    if not isinstance(array, np.ndarray):
-        array = _from_device(array)
     if isinstance(array, np.ndarray):
         _check(array.dtype, array.shape)
         array = array.T if axes == "xyz" else array

@@ -431,6 +431,24 @@ def test_coarser_levels_are_where_the_volume_is(tmp_path, said):
         assert volume.preview.nan == "transparent"
 
 
+def test_masked_samples_are_absent():
+    """Of an array that is masked and of one that Dask computes, in a store and in memory; integers hold no such."""
+    da = pytest.importorskip("dask.array")
+    masked = np.ma.masked_greater(DATA.astype(np.float32), 150)
+    lazy = da.from_array(masked, chunks=8)
+    for array in (masked, lazy):
+        samples = read_all(wvr.open(array, nan="transparent"))
+        np.testing.assert_array_equal(samples, masked.filled(np.nan))
+        with pytest.raises(ValueError, match="NaN"):
+            read_all(wvr.open(array))
+    np.testing.assert_array_equal(wvr.as_volume(lazy).numpy(), masked.filled(np.nan))
+    for refused in (wvr.Volume, lambda array: wvr.Segmentation(array > 0, {1: TF})):
+        with pytest.raises(TypeError, match="masked"):
+            refused(lazy)
+    with pytest.raises(OSError, match="masked samples, which bool does not hold"):
+        read_all(wvr.open(lazy > 0))
+
+
 def test_a_store_of_one_level_is_suggested_for(monkeypatch):
     """As the volume is, where its samples are few; else by blocks that are evenly apart, in the same box."""
     volume, expected = opened(DATA), wvr.render(WHOLE, size=SIZE, lighting=False)

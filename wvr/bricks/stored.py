@@ -19,7 +19,7 @@ from ..kernels.field.grid import Grid
 from ..memory import free_host_memory, gib
 from ..pose import Posed, pose_of
 from ..samples import DTYPES, NanPolicy, times_power
-from ..validation import choice
+from ..validation import choice, computed
 from ..volume import Volume
 from .grid import Index
 from .ranges import BlockRanges
@@ -94,7 +94,12 @@ class Samples:
             key[axis] = at
         for axis, a, b in zip(self.axes, low[::-1].tolist(), high[::-1].tolist(), strict=True):
             key[axis] = slice(a, b + 1)
-        part = np.asarray(self.array[tuple(key)])
+        part = np.asanyarray(computed(self.array[tuple(key)]))
+        if np.ma.is_masked(part):
+            if part.dtype.kind != "f":
+                raise ValueError(f"{self.name} has masked samples, which {part.dtype} does not hold: make it float32")
+            part = part.filled(np.nan)
+        part = np.asarray(part)
         left = [axis for axis in range(len(key)) if axis not in dict(self.fixed)]
         part = part.transpose([left.index(axis) for axis in self.axes])
         wide = part.dtype.kind in "iu" and part.dtype.itemsize == 8 and part.size > 0
