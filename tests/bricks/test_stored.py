@@ -145,6 +145,24 @@ def test_what_was_not_read_is_in_the_bound(store, camera, budget):
         assert image.stats["bytes_read"] < int(budget.split()[0]) * 1000 + 8 * 512
 
 
+def test_what_was_not_read_may_be_seen_however_little_it_is():
+    """Beside a control point without any extinction, of slopes so steep that it counts."""
+    tf = wvr.TransferFunction([(-1.0, "white", 1.0), (0.0, "white", 0.0)], unit_distance=1e-20)
+    volume = wvr.build_ranges(opened(np.full((9, 9, 9), -1e-25)))
+    camera = wvr.Camera((4, 4.4, 30), (4, 4.4, 0), up=(0, 1, 0), parallel_scale=3)
+    image = wvr.render(volume, tf, camera, (4, 4), tolerance=TOLERANCE, budget=0)
+    opacity = -np.expm1(-tf.knot_extinctions(1.0)[0] * 1e-25 * 8 * WHOLE.spacing[2])
+    assert 1e-3 < opacity and np.all(np.abs(image.rgba - opacity).max(axis=2) <= image.error_bound)
+
+
+def test_what_is_read_under_a_budget_has_pixels_that_can_be_counted(monkeypatch):
+    monkeypatch.setattr("wvr.bricks.limited.MOST", 3 * SIZE[0] * SIZE[1])
+    volume = wvr.build_ranges(opened(DATA))
+    image = wvr.render(volume, TF, CAMERAS["outside"], SIZE, tolerance=TOLERANCE, budget=1000.0)
+    assert_within(image, CAMERAS["outside"], None)
+    assert 2 < image.stats["bricks_rendered"] < image.stats["bricks_visible"]
+
+
 def test_what_was_not_read_has_the_colours_of_all_labels():
     """Those of a label that shows nothing are none, and take none of the others."""
     labels = np.ones(DATA.shape, np.uint8)
@@ -429,6 +447,16 @@ def test_coarser_levels_are_where_the_volume_is(tmp_path, said):
         np.testing.assert_allclose(*edges)
         np.testing.assert_allclose(volume.preview.spacing, 2 * volume.spacing)
         assert volume.preview.nan == "transparent"
+
+
+def test_chunks_may_have_no_samples_but_known_lengths():
+    da = pytest.importorskip("dask.array")
+    lazy = da.from_array(DATA, chunks=((0, 8, 0, 32), (40, 0), (24, 16)))
+    volume = wvr.build_ranges(wvr.open(lazy, spacing=WHOLE.spacing))
+    assert volume.starts == ((0, 24, 40), (0, 40), (0, 8, 40))
+    assert_within(wvr.render(volume, TF, CAMERAS["outside"], SIZE, tolerance=TOLERANCE), CAMERAS["outside"])
+    with pytest.raises(ValueError, match="compute_chunk_sizes"):
+        wvr.open(lazy[lazy[:, 0, 0] > 255])
 
 
 def test_masked_samples_are_absent():

@@ -61,6 +61,8 @@ def of_array(
     dims = len(array.shape)
     if dims < 3:
         raise ValueError(f"store must have three axes (z, y, x) or more, {name} has shape {tuple(array.shape)}")
+    if any(n != n for n in array.shape):
+        raise ValueError(f"{name} does not know its shape, {array.shape}: array.compute_chunk_sizes() finds it")
     if names is None:
         names = ([f"axis{n}" for n in range(dims - 5)] + ["t", "c", "z", "y", "x"])[-dims:]
     axes, fixed = _selected(names, tuple(array.shape), selection, name)
@@ -79,7 +81,8 @@ def of_array(
 
 def _lengths(chunk: Any, n: int) -> tuple[int, ...]:
     if isinstance(chunk, tuple):
-        return tuple(int(length) for length in chunk)
+        # Dask has chunks without samples.
+        return tuple(int(length) for length in chunk if length) or (0,)
     return tuple(min(int(chunk), n - start) for start in range(0, n, int(chunk)))
 
 

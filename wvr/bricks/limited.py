@@ -34,8 +34,10 @@ RAYS = 128
 FEWEST, PART = 4, 1 / 4
 # And so many times as many are looked at for what they cost: in blocks, and this for what is done without any.
 LOOKED, SHARED = 4, 0.25
-# Bytes of a pixel of a brick's image.
-PIXEL = 48
+# Bytes of a pixel of a brick's image, with those of the copy that kernels read.
+PIXEL = 88
+# So many pixels of all images can be counted.
+MOST = 2**31 - 1
 
 
 class Limited:
@@ -60,7 +62,9 @@ class Limited:
     @property
     def full(self) -> bool:
         """Whether there is no room for more."""
-        return PIXEL * sum(partial.samples.size for partial in self.partials.values()) >= self.room
+        width, height = self.march.caster.size
+        pixels = sum(partial.samples.size for partial in self.partials.values())
+        return PIXEL * pixels >= self.room or pixels + width * height > MOST
 
     def cast(self, blocks: BrickReader, index: Index) -> None:
         """Read a brick."""

@@ -64,7 +64,7 @@ def _looks(tf: TransferFunction, unit: float, ranges: Floats) -> Looks:
 
     def extremes(numbers: Floats, counted: NDArray[np.bool_], where: NDArray[np.bool_]) -> tuple[Floats, Floats]:
         """Least and greatest, of control points that are counted and of both ends where those count."""
-        ends = np.stack([np.interp(ranges[:, side], knots, numbers) for side in (0, 1)])
+        ends = np.stack([_between(ranges[:, side], knots, numbers) for side in (0, 1)])
         low = np.where(where, ends, np.inf).min(axis=0)
         high = np.where(where, ends, -np.inf).max(axis=0)
         low = np.minimum(low, _least(np.where(counted, numbers, np.inf), begin, end))
@@ -80,6 +80,17 @@ def _looks(tf: TransferFunction, unit: float, ranges: Floats) -> Looks:
     colors = [extremes(values[:, c], near, seen | before) for c in range(3)]
     low, high = np.stack([a for a, _ in colors], axis=-1), np.stack([b for _, b in colors], axis=-1)
     return Looks(np.maximum(least, 0.0), most, low, high)
+
+
+def _between(scalars: Floats, knots: Floats, numbers: Floats) -> Floats:
+    """``numbers`` >= 0 of control points, linear between them, to rounding of what they come to: ``np.interp`` has that
+    of the largest, and nothing beside a control point of 0.
+    """
+    k = np.clip(np.searchsorted(knots, scalars, "right") - 1, 0, len(knots) - 2)
+    with np.errstate(all="ignore"):
+        width = knots[k + 1] - knots[k]
+        inside = numbers[k] * ((knots[k + 1] - scalars) / width) + numbers[k + 1] * ((scalars - knots[k]) / width)
+    return np.where(scalars < knots[0], numbers[0], np.where(scalars >= knots[-1], numbers[-1], inside))
 
 
 def _least(numbers: Floats, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Floats:
