@@ -152,7 +152,7 @@ def test_what_was_not_read_may_be_seen_however_little_it_is():
     camera = wvr.Camera((4, 4.4, 30), (4, 4.4, 0), up=(0, 1, 0), parallel_scale=3)
     image = wvr.render(volume, tf, camera, (4, 4), tolerance=TOLERANCE, budget=0)
     opacity = -np.expm1(-tf.knot_extinctions(1.0)[0] * 1e-25 * 8 * WHOLE.spacing[2])
-    assert 1e-3 < opacity and np.all(np.abs(image.rgba - opacity).max(axis=2) <= image.error_bound)
+    assert opacity > 1e-3 and np.all(np.abs(image.rgba - opacity).max(axis=2) <= image.error_bound)
 
 
 def test_what_is_read_under_a_budget_has_pixels_that_can_be_counted(monkeypatch):
@@ -475,6 +475,25 @@ def test_masked_samples_are_absent():
             refused(lazy)
     with pytest.raises(OSError, match="masked samples, which bool does not hold"):
         read_all(wvr.open(lazy > 0))
+
+
+def test_axes_have_units_of_their_own(tmp_path):
+    """Lengths are in that of x."""
+    group = zarr.open_group(tmp_path / "a.zarr", mode="w", zarr_format=2)
+    group.create_array("0", shape=DATA.shape, chunks=(8, 8, 8), dtype="u1")[:] = DATA
+    scales = [{"type": "scale", "scale": [0.3, 500.0, 0.5]}, {"type": "translation", "translation": [1.0, 2.0, 3.0]}]
+    axes = [
+        {"name": "z", "unit": "micrometer"},
+        {"name": "y", "unit": "nanometer"},
+        {"name": "x", "unit": "micrometer"},
+    ]
+    levels = [{"path": "0", "coordinateTransformations": scales}]
+    group.attrs["multiscales"] = [{"version": "0.4", "axes": axes, "datasets": levels}]
+    volume = wvr.open(tmp_path / "a.zarr")
+    np.testing.assert_allclose([volume.spacing, volume.origin], [[0.5, 0.5, 0.3], [3.0, 0.002, 1.0]])
+    del axes[0]["unit"]
+    group.attrs["multiscales"] = [{"version": "0.4", "axes": axes, "datasets": levels}]
+    assert wvr.open(tmp_path / "a.zarr").spacing.tolist() == [0.5, 500.0, 0.3]
 
 
 def test_a_store_of_one_level_is_suggested_for(monkeypatch):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..io.bytes import needs
+from ..notices import announce
 from ..samples import NanPolicy
 from ..sources import step_of
 from ..validation import path_of
@@ -25,6 +26,9 @@ from .reading import active_client, checked_client
 from .stored import Marked, StoredVolume
 
 Place = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+# In meters, units of OME-Zarr in which axes of one image may be, each in its own.
+PREFIXES = {"": 0, "centi": -2, "deci": -1, "milli": -3, "micro": -6, "nano": -9, "pico": -12, "femto": -15, "kilo": 3}
+METERS = {f"{name}meter": 10.0**power for name, power in PREFIXES.items()} | {"angstrom": 1e-10, "inch": 0.0254}
 HDF5 = (".h5", ".hdf5", ".hdf", ".nc", ".nc4")
 
 
@@ -354,6 +358,7 @@ def _pyramid(node: Any, pyramid: dict, level: int | None, selection: dict, path:
     if level is not None and (isinstance(level, bool) or not isinstance(level, int) or not 0 <= level < len(levels)):
         raise ValueError(f"level must be from 0 to {len(levels) - 1} of {what}, got {level!r}")
     names = [axis if isinstance(axis, str) else axis["name"] for axis in pyramid.get("axes", ["t", "c", "z", "y", "x"])]
+    units = [None if isinstance(axis, str) else axis.get("unit") for axis in pyramid.get("axes", names)]
     common = pyramid.get("coordinateTransformations", [])
 
     def at(number: int) -> StoredVolume:
@@ -375,12 +380,22 @@ def _pyramid(node: Any, pyramid: dict, level: int | None, selection: dict, path:
                     f"{what} has a transformation of type {transformation['type']!r}: give spacing and origin"
                 )
         axes = list(reversed(volume.samples.axes))
-        return placed(volume, scale[axes], translation[axes])
+        factors = _lengths([units[axis] for axis in axes], what)
+        return placed(volume, factors * scale[axes], factors * translation[axes])
 
     volume = at(level or 0)
     if len(levels) > 1 and (level or 0) < len(levels) - 1:
         volume.coarse = at(len(levels) - 1)
     return volume, None if path is None else sidecar(path, levels[level or 0]["path"], selection)
+
+
+def _lengths(units: list[str | None], what: str) -> NDArray[np.float64]:
+    """What lengths along x, y, z are times, so that all are in the unit of x."""
+    if all(unit in METERS for unit in units):
+        return np.array([METERS[str(unit)] / METERS[str(units[0])] for unit in units])
+    if len(set(units)) > 1:
+        announce("%s has axes x, y, z in units %s, which are taken as one", what, units)
+    return np.ones(3)
 
 
 # xarray.
