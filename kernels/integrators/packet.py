@@ -276,14 +276,16 @@ for (int ray = 0; ray < rays.going.shape[0]; ++ray) {
                 long8[b] = __builtin_convertvector(*(const vd*)(t + times.shape[1]) - *(const vd*)t, v8f);
             }
             const vf over = e - (spend[0] * A + spend[1] * JOIN(long8[0], long8[1]));
-            vi spent = (k < -1) & (over <= (LEFT) * most);
+            // Behind the last of the ray's, times are whatever was there.
+            const vi open = (k < -1) & mine;
+            vi spent = open & (over <= (LEFT) * most);
             // Or less each, where all of them are more than there is.
-            if (sum(spent ? MAX(over, zero) : zero) > most) spent = (k < -1) & (over <= most * (1.0f / 16));
+            if (sum(spent ? MAX(over, zero) : zero) > most) spent = open & (over <= most * (1.0f / 16));
             k = spent ? -2 - k : k;
-            const unsigned left_over = bits((k < -1) & mine);
+            const unsigned left_over = bits(open & ~spent);
             *(vi*)(rows_of + at) = mine ? k : *(const vi*)(rows_of + at);
             // Those that are spent have no light yet.
-            if (left_over | (LIGHTED && bits(spent & mine))) {
+            if (left_over | (LIGHTED && bits(spent))) {
                 for (unsigned rest = left_over; rest; rest &= rest - 1) {
                     ++listed;
                     some[listed] = at + __builtin_ctz(rest);
