@@ -147,6 +147,12 @@ class Scene:
                 raise ValueError(
                     f"transfer_function has control points {close:.3g} apart, which is too close for float64"
                 )
+        light = 0.0 if self.lighting is None else self.lighting.largest(self)
+        if self.shadows is not None:
+            of_shadows = sum(max(one.color) for one in self.shadows.lights)
+            light = max(light, of_shadows, max(light, self.brightest) * of_shadows)
+        if not light <= most:
+            raise ValueError(f"light makes numbers of {light:.3g} of colours; {precision} images hold up to {most:.0e}")
         low, high = self.volume.range if self.volume.shifts else (0.0, 0.0)
         scale = max(float(np.abs(tf.knots).max()) for tf in self.functions) or 1.0
         if self.integrator.probes and scale < LEAST:

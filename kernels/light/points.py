@@ -165,7 +165,8 @@ def make_shine(halves):
             diffuse = clear * wp.abs(wp.dot(normal, toward)) + (real(1.0) - clear)
             specular = real(0.0)
             half = wp.normalize(toward + eye)
-            glance = wp.abs(wp.dot(normal, half))
+            # No more than 1 by rounding, which powers make any number of.
+            glance = wp.min(wp.abs(wp.dot(normal, half)), real(1.0))
             if glance > real(0.0):
                 specular = clear * wp.pow(glance, real(shading.shininess))
             for c in range(3):

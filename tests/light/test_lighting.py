@@ -347,6 +347,34 @@ def test_bad_input(make, message):
         make()
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"lighting": wvr.Lighting(ambient=1e31)},
+        {"lighting": wvr.Lighting(specular=1e20, light=wvr.Headlight((0, 1e20, 0)))},
+        {"lighting": wvr.Lighting(specular=0, diffuse=1e-30, light=[wvr.Headlight((1e308, 0, 0))] * 2)},
+        {"shadows": wvr.ConvolutionShadows(light=wvr.Headlight((1e31, 0, 0)))},
+        {"lighting": wvr.Lighting(ambient=1e20), "shadows": wvr.ConvolutionShadows(light=wvr.Headlight((1e20, 0, 0)))},
+    ],
+)
+def test_light_beyond_what_images_hold_is_refused(blobs, smooth_tf, options):
+    with pytest.raises(ValueError, match=r"light makes numbers of .* float32 images hold up to 1e[+]30"):
+        wvr.render(blobs, smooth_tf, wvr.Camera.fit(blobs), (8, 8), **options)
+
+
+@pytest.mark.parametrize("integrator", [wvr.Riemann(0.5), wvr.Exact()])
+def test_light_that_glances_is_no_more_than_the_light(integrator):
+    """Rounding makes cosines that are more than 1, and of these powers are as large as one likes."""
+    x = np.mgrid[:5, :5, :5][::-1]
+    for direction in np.random.default_rng(0).normal(size=(8, 3)):
+        volume = wvr.Volume(np.tensordot(direction, x, 1).astype(np.float32))
+        camera = wvr.Camera.fit(volume, direction, parallel=True)
+        lighting = wvr.Lighting(ambient=0, diffuse=0, specular=1, shininess=1e17)
+        tf = wvr.TransferFunction([(-20, "white", 0.5), (20, "white", 0.5)])
+        rgba = wvr.render(volume, tf, camera, (4, 4), integrator=integrator, lighting=lighting).rgba
+        assert np.all(rgba[..., :3] <= rgba[..., 3:] * 1.00001)
+
+
 def test_bad_input_of_render(blobs, smooth_tf):
     camera = wvr.Camera.fit(blobs)
     with pytest.raises(TypeError, match=r"lighting must be a Lighting, True, False or None, .* got 1\.0"):

@@ -108,6 +108,16 @@ class Lighting:
         if scene.integrator.unlit:
             raise ValueError(f"integrator: {scene.integrator.unlit}")
 
+    def largest(self, scene: Scene) -> float:
+        """The largest number that light is counted with: a coefficient, a sum of lights, or a colour that is lit."""
+        light = sum(max(one.color) for one in self.lights)
+        ambient, diffuse, specular = (
+            getattr(self, name) * max(1.0 if (f := tf.materials()[name]) is None else f.max() for tf in scene.functions)
+            for name in ("ambient", "diffuse", "specular")
+        )
+        lit = scene.brightest * (ambient + diffuse * light) + specular * light
+        return float(max(self.ambient, self.diffuse, self.specular, light, lit))
+
     def half(self, scene: Scene, segments: bool) -> Lit:
         """The device half, for integrators that light whole ``segments`` or points."""
         own = dict.fromkeys(light.half for light in self.lights)
@@ -138,7 +148,8 @@ class Lighting:
         shading.home = wp.vec3d(*matrix[:3, 3])
         sheen = Sheen()
         for name in ("ambient", "diffuse", "specular", "shininess", "faint"):
-            setattr(sheen, name, getattr(shading, name))
+            # A shininess beyond single precision is as good as its largest.
+            setattr(sheen, name, min(getattr(shading, name), 1e30))
         # Next to 0 powers below 1 are steeper than anything.
         sheen.steep = 1.6 * self.shininess**0.5 if self.shininess >= 1 else 1e30
         lights, lamps = [], []
