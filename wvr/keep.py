@@ -108,6 +108,10 @@ class Keeper:
             self._scratch[name] = array = wp.empty(shape, dtype=dtype, device=where, pinned=pinned)
         return array
 
+    def held(self, name: str) -> int:
+        """Bytes of an array of ``scratch`` that is there."""
+        return self._scratch[name].capacity if name in self._scratch else 0
+
     def end_of_frame(self) -> None:
         """Let go of what was not asked for: parts of the names that were, and others that there is no room for."""
         names = {part.name for part in self._asked}

@@ -405,6 +405,13 @@ def test_memory_for_light_is_asked_for(blobs, smooth_tf, monkeypatch):
     assert renderer.render(wvr.Camera.fit(blobs), (8, 8)).stats["bytes"] > without + 1e8
 
 
+def test_memory_for_slices_of_small_cells_is_asked_for(blobs, smooth_tf, monkeypatch):
+    monkeypatch.setattr(wvr.light.sweep, "free_memory", lambda device: 2.0**28)
+    shadows = wvr.ConvolutionShadows(cell=0.01)
+    with pytest.raises(MemoryError, match=r"slices of light need .* GiB on cpu, which has 0\.2 GiB free"):
+        wvr.render(blobs, smooth_tf, wvr.Camera.fit(blobs), (8, 8), shadows=shadows)
+
+
 def test_nothing_to_see(blobs):
     tf = wvr.TransferFunction([(0, "red", 0.0), (255, "white", 0.0)])
     for image in ("rays", "slices"):
@@ -438,6 +445,8 @@ def test_threads_change_nothing(threads, blobs):
         ({"light": "sun"}, "light must be a Headlight or DirectionalLight"),
         ({"light": []}, "light must be a Headlight or DirectionalLight"),
         ({"mode": "occlusion", "light": DIRECTED}, 'mode "occlusion" is for a Headlight alone'),
+        ({"slice_distance": 1e300}, "slice_distance must be at most 16384 voxel spacings"),
+        ({"cell": 1e300}, "cell must be at most 16384 voxel spacings"),
     ],
 )
 def test_bad_input(options, message):

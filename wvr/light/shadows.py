@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 # Cells of light across a volume: slices of as many by as many are kept.
 MOST_CELLS = 2**14
+# Voxel spacings of a cell, and from slice to slice: a distance is sampled in as many parts.
+WIDEST = 2**14
 
 
 @dataclass(frozen=True)
@@ -33,8 +35,9 @@ class ConvolutionShadows:
     Parameters
     ----------
     slice_distance
-        Between slices, > 0; the last digit gives way so that slices divide what there is to see evenly. The image
-        converges as it goes to 0: with order 2, by Strang's splitting, 5-point steps of diffusion and traced light.
+        Between slices, > 0 and at most 16384; the last digit gives way so that slices divide what there is to see
+        evenly. The image converges as it goes to 0: with order 2, by Strang's splitting, 5-point steps of diffusion and
+        traced light.
     subsamples
         Samples between two slices besides the one, >= 0; light is interpolated to them (SCS; 0 is ICS). By default as
         many as leave them at most a voxel apart: slices are for light, samples are for what is lit.
@@ -71,9 +74,9 @@ class ConvolutionShadows:
         by the slices; what aliases in the slices is in both parts of the share. Opacity is the integrator's.
         ``"slices"``: composed of the slices themselves, as in the papers; there is no integrator.
     cell
-        Width of the cells of light, > 0; across the light in the middle of the volume, for a headlight in perspective.
-        By default ``5.5 tan(spread)``, at least 1 and at most 2 (from 20 degrees on). Wide cells are fast and blur
-        shadows.
+        Width of the cells of light, > 0 and at most 16384; across the light in the middle of the volume, for a
+        headlight in perspective. By default ``5.5 tan(spread)``, at least 1 and at most 2 (from 20 degrees on). Wide
+        cells are fast and blur shadows.
 
     Raises
     ------
@@ -104,6 +107,9 @@ class ConvolutionShadows:
             preintegrated=flag(self.preintegrated, "preintegrated"),
             spread=real(self.spread, "spread", "an angle in [0, 90) degrees"),
         )
+        for name, value in (("slice_distance", self.slice_distance), ("cell", self.cell)):
+            if value is not None and value > WIDEST:
+                raise ValueError(f"{name} must be at most {WIDEST} voxel spacings, got {value!r}")
         if not 0 <= self.spread < 90:
             raise ValueError(f"spread must be an angle in [0, 90) degrees, got {self.spread!r}")
         choice(self.splitting, "splitting", ("strang", "lie"))

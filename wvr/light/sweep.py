@@ -21,6 +21,7 @@ from ..kernels.light.travel import BORDER, ROWS, RUN, SLABS, Half, Sweep, make_s
 from ..kernels.light.travel import Shade as ShadeStruct
 from ..kernels.precision import REALS
 from ..launch import in_turn, launch, launch_in_turn, launch_pixels
+from ..memory import free_memory, gib
 from ..transfer.function import Transfer
 from ..transfer.lookup import Stretchable
 from ..transfer_function import TransferFunction
@@ -193,6 +194,14 @@ def travel(
     runs = columns // int(RUN)
     sweep = scene.march
     slices = sweep.slices
+    behind = min(int(np.ceil(sweep.reach / sweep.thickness)), int(slices)) if halves.march.traced else 0
+    least = (behind + 17) * rows * columns + 1
+    needed = least * wp.types.type_size_in_bytes(real)
+    if needed > max(AHEAD, (free := free_memory(device)) + keep.held("light")):
+        raise MemoryError(
+            f"slices of light need {gib(needed)} on {device.alias}, which has {gib(free)} free: take wider cells "
+            f"(cell=) than those that make {rows} x {columns} of a slice"
+        )
     shade = ShadeStruct()
     shade.items = items(runs, device)
     if octants is not None:
@@ -204,10 +213,8 @@ def travel(
     state = make_state(real)()
     state.light = wp.ones((2, rows + 2 * int(BORDER), runs + 2), dtype=run_of(real), device=device)
     state.rest = wp.empty((rows, runs), dtype=run_of(real), device=device)
-    behind = int(np.ceil(sweep.reach / sweep.thickness)) if halves.march.traced else 0
     # Of one size whatever the view, so that the next frame can have it: what is not used takes no memory, and what a
     # process touches for the first time is slow (68 MB take 30 to 90 ms).
-    least = (behind + 17) * rows * columns + 1
     whole = keep.scratch("light", (max(AHEAD // wp.types.type_size_in_bytes(real), least),), real)
     chunk = min((whole.size - 1) // (rows * columns) - 1 - behind, slices)
     depth = behind + chunk + 1
