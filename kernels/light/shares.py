@@ -47,7 +47,8 @@ def make_shares(real):
         for x in range(item - y * every, image.shape[1], every):
             if seen_by.shown[y, x] != wp.uint8(0):
                 plain = seen_by.rgba[y, x]
-                lit = seen_by.lit[y, x]
+                # What is curved is summed by lines, which may be on the far side of nothing.
+                lit = wp.max(seen_by.lit[y, x], wp.vec3d())
                 if turn.share:
                     # Where a channel has no emission, the share is that of all; where there is none, all is reached.
                     total = plain[0] + plain[1] + plain[2]

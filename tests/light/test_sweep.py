@@ -479,3 +479,16 @@ def test_light_of_any_width_is_finite(light):
         for spread in (89, 89.9)
     )
     assert wide == wider and max(wider) < 200
+
+
+def test_no_colour_is_below_zero():
+    """Light straight against the view, where next to nothing of it is left: what is curved is summed by lines."""
+    rng = np.random.default_rng(349)
+    samples = (255 * rng.random((24, 20, 17)) * (rng.random((24, 20, 17)) < 0.5)).astype(np.uint8)
+    volume = wvr.Volume(samples)
+    tf = wvr.TransferFunction([(25, "red", 0.0), (71, "gold", 0.8), (96, "white", 0.6), (108, "white", 1.0)])
+    for way in rng.normal(size=(12, 3)):
+        camera = wvr.Camera.fit(volume, way)
+        options = {"light": wvr.DirectionalLight(camera.basis()[2]), "slice_distance": 1.0}
+        image = shaded(volume, tf, camera, (24, 24), render={"lighting": wvr.Lighting(shininess=0.5)}, **options)
+        assert image.rgba.min() >= 0
