@@ -23,6 +23,9 @@ vec8i = wp.types.vector(8, int)
 MIXED = wp.constant(-1)
 NOTHING = wp.constant(-2)  # to be seen, whatever the state
 
+# What one weight's lead over another's may be off by, but for where the ray is.
+ROUNDED = wp.constant(2.0**-44)
+
 
 @cache
 def make_labels(dtype, real):
@@ -76,6 +79,17 @@ def strongest(states: vec8i, local: wp.vec3d):
             state = states[n]
             most = weight
     return state
+
+
+@wp.func
+def but_for(states: vec8i, state: int):
+    """The states of a cell's corners, each once: others are ``state``, as are those that are it."""
+    once = states
+    for n in range(8):
+        for m in range(n):
+            if states[m] == states[n]:
+                once[n] = state
+    return once
 
 
 @cache
@@ -143,16 +157,19 @@ def make_label_span(dtype, real, bounded=False):
                         state = strongest(states, local)
                     weight = indicated(states, state, local, direction)
                     change = after.t - w.t
-                    other = state
+                    others = but_for(states, state)
                     for n in range(8):
-                        if states[n] != state and states[n] != other:
-                            other = states[n]
-                            ahead_by = indicated(states, other, local, direction) - weight
-                            if wp.static(bounded):
-                                loose += length_within(ahead_by, after.t - w.t, wp.float64(48.0) * astray)
+                        if others[n] != state:
+                            lead = indicated(states, others[n], local, direction) - weight
                             # Beyond rounding: a ray in the boundary would change sides without end.
-                            ahead_by[0] -= wp.float64(wp.static(2.0**-44))
-                            change = wp.min(change, rise(ahead_by, after.t - w.t))
+                            lead[0] -= wp.float64(ROUNDED)
+                            change = wp.min(change, rise(lead, change))
+                    if wp.static(bounded):
+                        near = wp.float64(12.0) * astray + wp.float64(ROUNDED)
+                        for n in range(8):
+                            if others[n] != state:
+                                lead = indicated(states, others[n], local, direction) - weight
+                                loose += length_within(lead, change, near)
                     if change < after.t - w.t:
                         return state, w.t + change, loose
                 elif state == NOTHING:

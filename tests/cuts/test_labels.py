@@ -179,7 +179,7 @@ def test_every_integrator_approaches_exact(integrator):
             assert np.all(np.abs(image.rgba - exact.rgba).max(axis=2) <= image.error_bound)
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)  # one of thousands grazes a boundary, as below
+@settings(max_examples=20, deadline=None, derandomize=True)  # one of 40,000 grazes a boundary that closely
 @given(seed=st.integers(0, 2**32 - 1), tolerance=st.floats(1e-6, 0.3))
 def test_certified_labels(seed, tolerance):
     """Every pixel within its bound, whatever the labels, and skipping changes nothing."""
@@ -200,26 +200,23 @@ def test_certified_labels(seed, tolerance):
     assert np.all(error <= image.error_bound) and image.error_bound.max() <= tolerance
 
 
-@pytest.mark.filterwarnings("ignore:.*bounded by more")
-def test_a_ray_that_grazes_a_boundary_says_that_its_bound_is_over_the_tolerance():
-    """Though it is not off by as much; a tenth of a voxel beside it none is over."""
-    rng = np.random.default_rng(202476232)
+@pytest.mark.parametrize("seed", [1582, 1510, 2258, 2305])
+def test_a_ray_that_grazes_a_boundary_is_within_the_tolerance(seed):
+    """Some 1e-4 of a voxel deep, twice through; of the first also near where a state has a third one's weight after
+    it has been left. Where nothing crosses, rounding decides along less than 1e-6 of a voxel.
+    """
+    rng = np.random.default_rng(seed)
     volume = wvr.datasets.load("blobs", 24)
-    rng.integers(0, 4, (4, 4, 4)), rng.random()
     labels = rng.integers(0, 4, volume.shape).astype(np.uint8)
     functions = rng.permutation(np.array([SMOOTH, SPARSE, RED, BLUE]))
-    segmentation = wvr.Segmentation(labels, dict(enumerate(functions[:3])))
+    segmentation = wvr.Segmentation(labels, dict(enumerate(functions[:3])), functions[3] if seed % 2 else None)
     camera = wvr.Camera.fit(volume, rng.normal(size=3), rng.normal(size=3))
-    aside = 0.1 * camera.basis()[0]
-    beside = wvr.Camera(camera.position + aside, camera.target + aside, camera.up, camera.view_angle)
-    for seen, over in ((camera, 1), (beside, 0)):
-        exact, image = (
-            wvr.render(volume, None, seen, (14, 14), integrator=method, segmentation=segmentation)
-            for method in (wvr.Exact(), wvr.Certified(1e-6))
-        )
-        error = np.abs(image.rgba - exact.rgba).max(axis=2)
-        assert np.all(error <= image.error_bound) and error.max() <= 1e-6
-        assert np.count_nonzero(image.error_bound > 1e-6) == image.stats["rays_over_tolerance"] == over
+    exact, image = (
+        wvr.render(volume, None, camera, (14, 14), integrator=method, segmentation=segmentation)
+        for method in (wvr.Exact(), wvr.Certified(1e-6))
+    )
+    error = np.abs(image.rgba - exact.rgba).max(axis=2)
+    assert np.all(error <= image.error_bound) and image.error_bound.max() <= 1e-6
 
 
 @pytest.mark.parametrize("dtype", ["uint8", "uint16"])
