@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -12,6 +13,8 @@ DTYPES = ("uint8", "int8", "uint16", "int16", "float16", "float32", "float64")
 
 NanPolicy = Literal["error", "transparent"]
 Anatomy = Literal["", "RAS", "LPS"]
+# Whole numbers up to here are numbers of double precision.
+EXACT = 2**53
 
 
 class Unsupported(ValueError):  # noqa: N818 - of a file
@@ -44,13 +47,14 @@ def narrowed(array: NDArray) -> NDArray:
     for name in ("uint8", "int8", "uint16", "int16"):
         if np.iinfo(name).min <= lo and hi <= np.iinfo(name).max:
             return array.astype(name)
-    if max(-lo, hi) > 2**53:
+    if max(-lo, hi) > EXACT:
         raise Unsupported(f"samples of {array.dtype} from {lo} to {hi} fit no accepted dtype exactly; scale them first")
     return array.astype(np.float64)
 
 
 def rescaled(array: NDArray, slope: float, intercept: float) -> NDArray:
-    """``slope * array + intercept``: exact integers for whole numbers, else float32, or float64 for wide samples."""
+    """``slope * array + intercept``: exact integers for whole numbers, else float32 or, where that does not tell
+    them apart, float64."""
     if (slope, intercept) == (1, 0):
         return array
     ends = [int(array.min()), int(array.max())] if array.dtype.kind in "iu" else []
@@ -60,10 +64,33 @@ def rescaled(array: NDArray, slope: float, intercept: float) -> NDArray:
             raise Unsupported(f"samples from {lo} to {hi} fit no accepted dtype exactly; scale them first")
         # On the way numbers may wrap, and back.
         return (array.astype(np.int64).view(np.uint64) * np.uint64(int(slope) % 2**64)).view(np.int64) + int(intercept)
-    values = array * np.float64(slope) + intercept
-    largest = max((abs(slope * end + intercept) for end in ends), default=0.0)
-    wide = array.dtype.itemsize > (4 if array.dtype.kind == "f" else 2) or largest > np.finfo(np.float32).max
-    return values.astype(np.float64 if wide else np.float32)
+    return in_dtype(array * np.float64(slope) + intercept, scaled_dtype(array.dtype, slope, intercept, ends))
+
+
+def in_dtype(values: NDArray, dtype: np.dtype, gone: NDArray[np.bool_] | None = None) -> NDArray:
+    """In another dtype, NaN where they are gone."""
+    values = values.astype(dtype, copy=False)
+    if gone is not None:
+        values = np.where(gone, dtype.type(np.nan), values)
+    return values
+
+
+def scaled_dtype(stored: np.dtype, slope: float, intercept: float, ends: Sequence[int] = ()) -> np.dtype:
+    """Of ``slope * samples + intercept``: float32 where that tells samples apart, of integers those between ``ends`` or
+    all that there may be.
+    """
+    narrow, wide = np.dtype("float32"), np.dtype("float64")
+    if stored.kind == "f":
+        # Of any magnitude: what is added may leave nothing of them.
+        return narrow if stored.itemsize <= 4 and not intercept and 2**-20 <= abs(slope) <= 1 else wide
+    if stored.itemsize > 2:
+        return wide
+    limits = np.iinfo(np.uint8 if stored.kind == "b" else stored)
+    largest = max(abs(slope * end + intercept) for end in ends or (int(limits.min), int(limits.max)))
+    if float(slope).is_integer() and float(intercept).is_integer():
+        return narrow if largest <= 2**24 else wide
+    # To 1/128 of what lies between two samples.
+    return narrow if abs(slope) >= 2**-100 and largest <= min(2**17 * abs(slope), 2.0**100) else wide
 
 
 def components_error(what: str, count: int) -> Unsupported:

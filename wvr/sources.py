@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .copied import Copied, has_memory
 from .field.base import Field
+from .io.coordinates import AXIS_OF, UNEVEN, steps_of
 from .launch import get_device
 from .samples import NanPolicy, narrowed
 from .validation import any_array, choice, computed, outside, path_of
@@ -23,15 +24,13 @@ if TYPE_CHECKING:
     import pyvista as pv
     import xarray as xr
 
-# Names of dimensions, in lower case, and the axis that they are.
-DIMENSIONS = {
-    "x": ("x", "lon", "longitude", "column", "columns", "col", "easting", "i"),
-    "y": ("y", "lat", "latitude", "row", "rows", "northing", "j"),
-    "z": ("z", "lev", "level", "depth", "height", "altitude", "alt", "slice", "slices", "plane", "k"),
-}
-AXIS_OF = {name: axis for axis, names in DIMENSIONS.items() for name in names}
-# Coordinates that differ by less than this part of a step are equally spaced: those of float32 files do.
-UNEVEN = 1e-3
+# Attributes of arrays of xarray that have them as they are stored.
+PACKED = {"_FillValue", "missing_value", "scale_factor", "add_offset"}
+# What to do about coordinates that are not.
+ADVICE = (
+    "resample the data, e.g. da.interp({name}=numpy.linspace({ends})), or leave the coordinates out: "
+    "da.drop_vars({name!r})"
+)
 # What a zarr store has in its folder.
 ZARR = ("zarr.json", ".zarray", ".zgroup")
 # Samples at most of a grid that another one is resampled on.
@@ -238,7 +237,7 @@ def _from_xarray(data: xr.DataArray | xr.Dataset, name: str | None, nan: NanPoli
     elif name is not None:
         raise ValueError(f"scalars is for datasets with several variables, got {name!r} for a DataArray")
     extra = [dim for dim in data.dims if data.sizes[dim] == 1 and AXIS_OF.get(str(dim).lower()) is None]
-    array = data.squeeze(extra[: max(data.ndim - 3, 0)])
+    array = decoded(data).squeeze(extra[: max(data.ndim - 3, 0)])
     if array.ndim != 3:
         raise ValueError(
             f"data must have three dimensions, got {dict(array.sizes)}; pick one of the others, "
@@ -257,25 +256,19 @@ def _from_xarray(data: xr.DataArray | xr.Dataset, name: str | None, nan: NanPoli
     return volume.copied(Copied.of(array.values, np.asarray, lambda now: _kept(narrowed(now), "zyx")))
 
 
+def decoded(data: xr.DataArray) -> xr.DataArray:
+    """With what stored numbers mean, by xarray itself, where it left that in the attributes."""
+    if not PACKED & data.attrs.keys():
+        return data
+    import xarray
+
+    held = data.to_dataset(name="samples", promote_attrs=False)
+    return xarray.decode_cf(held, decode_times=False, decode_coords=False)["samples"].rename(data.name)
+
+
 def step_of(array: xr.DataArray, dim: Any) -> tuple[float, float]:
     """First coordinate and step along a dimension; 0 and 1 where it has no coordinates that are numbers."""
-    if dim not in array.coords:
-        return 0.0, 1.0
-    given = array.coords[dim].values
-    if given.ndim != 1 or given.dtype.kind not in "iuf":
-        return 0.0, 1.0
-    values = given.astype(np.float64)
-    if len(values) == 1:
-        return float(values[0]), 1.0
-    step = (values[-1] - values[0]) / (len(values) - 1)
-    gaps = np.diff(values)
-    if step == 0 or not np.all(np.abs(gaps - step) <= UNEVEN * abs(step)):
-        raise ValueError(
-            f"coordinates {dim!r} must be equally spaced, got steps from {gaps.min():g} to {gaps.max():g}: resample "
-            f"the data, e.g. da.interp({dim}=numpy.linspace({values[0]:g}, {values[-1]:g}, {len(values)})), or leave "
-            f"the coordinates out: da.drop_vars({str(dim)!r})"
-        )
-    return float(values[0]), float(step)
+    return steps_of(array.coords[dim].values if dim in array.coords else None, str(dim), ADVICE)
 
 
 def _from_dataset(data: Any, scalars: str | None, nan: NanPolicy | None) -> Volume:

@@ -101,6 +101,28 @@ def test_mrc_with_skewed_axes(tmp_path):
     np.testing.assert_allclose(steps, [[2, -1, 0], [0, np.sqrt(3), 0], [0, 0, 2]], atol=1e-6)
 
 
+def test_tiff_values_are_those_of_imagej(tmp_path):
+    """It keeps samples with a sign as such without, and a line that makes the others of them."""
+    array = np.arange(-60, 60, dtype=np.int16).reshape(4, 5, 6)
+    metadata = {"axes": "ZYX", "cf": 0, "c0": -32768.0, "c1": 1.0}
+    stored = (array.astype(int) + 32768).astype(np.uint16)
+    tifffile.imwrite(tmp_path / "a.tif", stored, imagej=True, metadata=metadata)
+    np.testing.assert_array_equal(read(tmp_path / "a.tif").numpy(), array)
+    tifffile.imwrite(tmp_path / "a.tif", stored, imagej=True, metadata=metadata | {"cf": 4})
+    with pytest.raises(ValueError, match=r"a\.tif: its ImageJ calibration is no straight line"):
+        read(tmp_path / "a.tif")
+
+
+def test_tiff_in_which_0_is_white_is_the_same_however_packed(tmp_path):
+    """What unpacks LZW turned samples round."""
+    image = Image.fromarray(np.arange(20, dtype=np.uint8).reshape(4, 5))
+    for packing in ("raw", "tiff_lzw"):
+        image.save(tmp_path / f"{packing}.tif", compression=packing, tiffinfo={262: 0})
+    plain, packed = (read(tmp_path / f"{name}.tif").numpy() for name in ("raw", "tiff_lzw"))
+    assert plain[0, 0, 1] == 254
+    np.testing.assert_array_equal(plain, packed)
+
+
 @pytest.mark.parametrize(
     "options", [{}, {"chunks": (2, 3, 2), "compression": "gzip"}, {"chunks": True, "fletcher32": True}]
 )

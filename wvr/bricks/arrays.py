@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from ..sources import AXIS_OF
+from ..io.coordinates import spatial, steps_of
+from ..samples import Unsupported
 from ..validation import near
 from .stored import ALONG, Samples, StoredVolume
 
+# What to do about coordinates that are not equally spaced.
+ADVICE = "resample the data, or give spacing, by which they are drawn as if they were"
 # Chunks along an axis, each of which is kept in mind.
 MOST = 1 << 20
 
@@ -32,16 +36,12 @@ def _selected(names: list[str], sizes: tuple[int, ...], selection: dict, what: s
     unknown = [name for name in selection if name not in names]
     if unknown:
         raise ValueError(f"{unknown[0]} is no axis of {what}, whose axes are {', '.join(names)}")
-    by_axis = {AXIS_OF.get(name.lower()): n for n, name in enumerate(names) if name not in selection}
-    spatial: list[Any] = [by_axis.get(axis) for axis in "zyx"]
-    if None in spatial:
-        # The last three that are left.
-        spatial = [n for n, name in enumerate(names) if name not in selection][-3:]
-    if len(spatial) != 3:
+    axes = spatial(names, selection)
+    if len(axes) != 3:
         raise ValueError(f"{what} must have three axes besides those that are selected, has {', '.join(names)}")
     fixed = []
     for n, name in enumerate(names):
-        if n in spatial:
+        if n in axes:
             continue
         at = selection.get(name)
         if at is None:
@@ -51,7 +51,7 @@ def _selected(names: list[str], sizes: tuple[int, ...], selection: dict, what: s
         if isinstance(at, bool) or not isinstance(at, int | np.integer) or not -sizes[n] <= at < sizes[n]:
             raise ValueError(f"{name} must be an index from 0 to {sizes[n] - 1} of {what}, got {at!r}")
         fixed.append((n, int(at) % sizes[n]))
-    return tuple(spatial), tuple(fixed)
+    return tuple(axes), tuple(fixed)
 
 
 def of_array(
@@ -97,3 +97,13 @@ def placed(volume: StoredVolume, steps: ArrayLike, origin: ArrayLike) -> StoredV
         return StoredVolume(volume.samples, spacing, origin, direction, volume.nan, volume.anatomical)
     except ValueError as error:
         raise ValueError(f"{volume.samples.name}: {error}") from None
+
+
+def placed_by(volume: StoredVolume, coordinate: Callable[[int], tuple[str, NDArray | None]]) -> StoredVolume:
+    """Where the names and coordinates of its axes say; what those cannot say is in ``unplaced``."""
+    try:
+        found = [steps_of(at, name, ADVICE) for name, at in map(coordinate, reversed(volume.samples.axes))]
+    except Unsupported as error:
+        volume.unplaced = f"{volume.samples.name}: {error}"
+        return volume
+    return placed(volume, [step for _, step in found], [start for start, _ in found])

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from ..files import regular
 from ..io.bytes import corrupt, layout_of, opened
-from ..io.hdf5 import data_of, names_of, opened_hdf5, spacing_of
+from ..io.conventions import Meaning, meaning_of
+from ..io.hdf5 import coordinate_of, data_of, names_of, names_of_axes, opened_hdf5, spacing_of
 from ..io.nifti import layout
 from ..io.npy import LONGEST, header_of
-from .arrays import named, of_array, placed
+from .arrays import named, of_array, placed, placed_by
 from .stored import Marked, StoredVolume
 
 
@@ -38,7 +39,9 @@ class Hdf5:
             data = data_of(Path(path), file, self.name)
             with corrupt(Path(path)):
                 self.shape, self.dtype, self.chunks = data.shape, data.dtype, data.chunks
+                self.meaning = meaning_of(data.attrs, data.dtype, data.fillvalue)
                 self.spacing = spacing_of(data)
+                self.names = names_of_axes(data)
         self._shut()
 
     def _shut(self) -> None:
@@ -76,8 +79,13 @@ def hdf5_name(path: str, scalars: str | None) -> str:
 
 
 def hdf5(array: Hdf5, selection: dict) -> StoredVolume:
-    volume = of_array(array, f"{array.path}:{array.name}", array.chunks, selection, marks=FileMark(array.path))
-    return placed(volume, array.spacing, np.zeros(3))
+    name, mark = f"{array.path}:{array.name}", FileMark(array.path)
+    volume = of_array(array, name, array.chunks, selection, array.names, meaning=array.meaning, marks=mark)
+    if array.spacing is not None:
+        return placed(volume, array.spacing, np.zeros(3))
+    with opened_hdf5(Path(array.path)) as file:
+        data = file[array.name]
+        return placed_by(volume, lambda axis: coordinate_of(Path(array.path), file, data, axis))
 
 
 class FileMark:
@@ -154,7 +162,9 @@ def nifti(path: Path, selection: dict) -> StoredVolume:
     with corrupt(path):
         array = Mapped(str(data), dtype, dims, start, "F", headed=data == path)
     names = ["x", "y", "z", "t", "u", "v", "w"][: len(dims)]
-    volume = of_array(array, str(path), None, selection, names, scale=(slope, intercept), marks=FileMark(array.path))
+    volume = of_array(
+        array, str(path), None, selection, names, meaning=Meaning(slope, intercept), marks=FileMark(array.path)
+    )
     result = placed(volume, steps, origin)
     result.anatomical = "RAS"
     return result

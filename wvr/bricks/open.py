@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..io.bytes import needs
+from ..io.conventions import Meaning, meaning_of
 from ..notices import announce
 from ..samples import NanPolicy
-from ..sources import step_of
+from ..sources import decoded, step_of
 from ..validation import path_of
-from .arrays import named, of_array, placed
+from .arrays import named, of_array, placed, placed_by
 from .mapped import Hdf5, hdf5, hdf5_name, mapped, nifti
 from .ranges import attach, build, sidecar
 from .reading import active_client, checked_client
@@ -29,6 +30,8 @@ Place = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 # In meters, units of OME-Zarr in which axes of one image may be, each in its own.
 PREFIXES = {"": 0, "centi": -2, "deci": -1, "milli": -3, "micro": -6, "nano": -9, "pico": -12, "femto": -15, "kilo": 3}
 METERS = {f"{name}meter": 10.0**power for name, power in PREFIXES.items()} | {"angstrom": 1e-10, "inch": 0.0254}
+# Where xarray has names of dimensions.
+XARRAY = "_ARRAY_DIMENSIONS"
 HDF5 = (".h5", ".hdf5", ".hdf", ".nc", ".nc4")
 
 
@@ -99,6 +102,8 @@ def open(
         if shape is not None or dtype is not None:
             raise ValueError("shape and dtype are for raw files, an array says so itself")
         volume, beside = _object(store, level, scalars, selection)
+    if volume.unplaced and spacing is None:
+        raise ValueError(volume.unplaced)
     result = StoredVolume(
         volume.samples,
         volume.spacing if spacing is None else spacing,
@@ -245,7 +250,12 @@ def _node(node: Any, level: int | None, scalars: str | None, selection: dict, pa
     if hasattr(node, "shape"):
         if level is not None:
             raise ValueError(f"level is for pyramids (OME-Zarr), got {level!r} for an array, {path or node.name}")
-        volume = _zarr_array(node, str(path or node.name), selection, getattr(node.metadata, "dimension_names", None))
+        # Those of Zarr 2 are said by xarray alone.
+        names = getattr(node.metadata, "dimension_names", None) or node.attrs.get(XARRAY)
+        volume = _zarr_array(node, str(path or node.name), selection, names)
+        if names is not None and None not in names:
+            beside = _beside(node)
+            volume = placed_by(volume, lambda axis: (str(names[axis]), _coordinates(beside, str(names[axis]))))
         return volume, None if path is None else sidecar(path, selection=selection)
     attributes = node.attrs.asdict()
     pyramids = attributes.get("ome", attributes).get("multiscales")
@@ -261,7 +271,7 @@ def _zarr_array(array: Any, name: str, selection: dict, names: Any = None) -> St
     from .blosc import checked
 
     known = None if names is None or None in names else [str(one) for one in names]
-    volume = of_array(checked(array), name, array.chunks, selection, known)
+    volume = of_array(checked(array), name, array.chunks, selection, known, meaning=_meaning(array))
     root = getattr(array.store, "root", None)
     if root is None:
         return volume
@@ -271,6 +281,37 @@ def _zarr_array(array: Any, name: str, selection: dict, names: Any = None) -> St
     samples = volume.samples
     marks = _ZarrMarks(Path(root) / array.path, array.metadata, samples.axes, samples.fixed, array.chunks, array.shards)
     return volume.at(marks=marks)
+
+
+def _meaning(array: Any) -> Meaning:
+    """Of its samples, as xarray has it: in Zarr 2 what stands for none is what fills chunks that are not there."""
+    attributes = array.attrs.asdict()
+    if array.metadata.zarr_format == 2 and XARRAY in attributes and array.fill_value is not None:
+        attributes["_FillValue"] = np.asarray(array.fill_value).item()
+    return meaning_of(attributes, np.dtype(array.dtype))
+
+
+def _beside(array: Any) -> Any:
+    """The group that an array is in; None of one alone."""
+    import zarr
+
+    parent = array.path.rpartition("/")[0]
+    with suppress(OSError, ValueError, KeyError):
+        if array.path:
+            return zarr.open_group(array.store, path=parent, mode="r")
+        if (root := getattr(array.store, "root", None)) is not None:
+            return zarr.open_group(str(Path(root).parent), mode="r")
+    return None
+
+
+def _coordinates(group: Any, name: str) -> NDArray | None:
+    """Of a dimension, by the array of its name beside it."""
+    from .blosc import checked
+
+    array = None if group is None else group.get(name)
+    if array is None or getattr(array, "ndim", 0) != 1 or np.dtype(array.dtype).kind not in "iuf":
+        return None
+    return _meaning(array).all_values(np.asarray(checked(array)[:]))
 
 
 class _ZarrMarks:
@@ -371,21 +412,22 @@ def _pyramid(node: Any, pyramid: dict, level: int | None, selection: dict, path:
             scale = np.divide(node[levels[0]["path"]].shape, node[entry["path"]].shape)
             translation = (scale - 1) / 2
         for transformation in (*own, *common):
-            if transformation["type"] == "scale":
-                scale, translation = scale * transformation["scale"], translation * transformation["scale"]
-            elif transformation["type"] == "translation":
-                translation = translation + transformation["translation"]
-            elif transformation["type"] != "identity":
-                raise ValueError(
-                    f"{what} has a transformation of type {transformation['type']!r}: give spacing and origin"
-                )
+            kind = transformation["type"]
+            if kind == "scale" and kind in transformation:
+                scale, translation = scale * transformation[kind], translation * transformation[kind]
+            elif kind == "translation" and kind in transformation:
+                translation = translation + transformation[kind]
+            elif kind != "identity":
+                volume.unplaced = f"{what} has a transformation of type {kind!r} that is not known here: give spacing"
+                return volume
         axes = list(reversed(volume.samples.axes))
         factors = _lengths([units[axis] for axis in axes], what)
         return placed(volume, factors * scale[axes], factors * translation[axes])
 
     volume = at(level or 0)
-    if len(levels) > 1 and (level or 0) < len(levels) - 1:
-        volume.coarse = at(len(levels) - 1)
+    if not volume.unplaced and len(levels) > 1 and (level or 0) < len(levels) - 1:
+        coarse = at(len(levels) - 1)
+        volume.coarse = None if coarse.unplaced else coarse
     return volume, None if path is None else sidecar(path, levels[level or 0]["path"], selection)
 
 
@@ -408,7 +450,7 @@ def _xarray(data: Any, scalars: str | None, selection: dict) -> StoredVolume:
     elif scalars is not None:
         raise ValueError(f"scalars is for datasets with several variables, got {scalars!r} for a DataArray")
     labels = {name: value for name, value in selection.items() if isinstance(value, str)}
-    data = data.sel(labels)
+    data = decoded(data).sel(labels)
     rest = {name: value for name, value in selection.items() if name not in labels}
     names = [str(dim) for dim in data.dims]
     inside = data.variable._data

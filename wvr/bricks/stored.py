@@ -14,6 +14,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from ..field.base import Field
+from ..io.conventions import PLAIN, Meaning
 from ..keep import Keeper
 from ..kernels.field.grid import Grid
 from ..memory import free_host_memory, gib
@@ -48,8 +49,8 @@ class Samples:
         Index along each other axis.
     chunks
         Lengths of chunks along z, y, x; None where any part is read alike.
-    scale
-        (slope, intercept) of stored samples.
+    meaning
+        What stored samples mean.
     marks
         What tells whether chunks changed, as of now; None where nothing does.
     """
@@ -59,7 +60,7 @@ class Samples:
     axes: tuple[int, int, int] = (0, 1, 2)
     fixed: tuple[tuple[int, int], ...] = ()
     chunks: tuple[tuple[int, ...], ...] | None = None
-    scale: tuple[float, float] = (1.0, 0.0)
+    meaning: Meaning = PLAIN
     marks: Callable[[], Marked] | None = None
 
     @property
@@ -67,7 +68,9 @@ class Samples:
         """Which part of which array, but for where that is."""
         given = [f"{axis}:{at}" for axis, at in self.fixed]
         axes = "".join(map(str, self.axes))
-        return f"{self.shape} {self.dtype} axes {axes} {' '.join(given)} scale {self.scale}"
+        scale = (self.meaning.slope, self.meaning.intercept)
+        known = f"{self.shape} {self.dtype} axes {axes} {' '.join(given)} scale {scale}"
+        return known if self.meaning == Meaning(*scale) else f"{known} {self.meaning}"
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -76,9 +79,7 @@ class Samples:
     @cached_property
     def dtype(self) -> np.dtype:
         """Of samples as they are read."""
-        stored = np.dtype(self.array.dtype).newbyteorder("=")
-        if self.scale != (1.0, 0.0):
-            return np.dtype("float32" if stored.itemsize <= 2 else "float64")
+        stored = self.meaning.dtype(np.dtype(self.array.dtype).newbyteorder("="))
         if stored.kind == "b":
             return np.dtype("uint8")
         if stored.kind in "iu" and stored.name not in DTYPES:
@@ -102,15 +103,7 @@ class Samples:
         part = np.asarray(part)
         left = [axis for axis in range(len(key)) if axis not in dict(self.fixed)]
         part = part.transpose([left.index(axis) for axis in self.axes])
-        wide = part.dtype.kind in "iu" and part.dtype.itemsize == 8 and part.size > 0
-        if wide and max(-int(part.min()), int(part.max())) > 2**53:
-            raise ValueError(
-                f"{self.name} has samples of {part.dtype} beyond 2**53, which float64 does not hold: subtract what "
-                f"they have in common first"
-            )
-        if self.scale != (1.0, 0.0):
-            part = part * np.float64(self.scale[0]) + self.scale[1]
-        return np.ascontiguousarray(part, self.dtype)
+        return np.ascontiguousarray(self.meaning.values(part), self.dtype)
 
 
 class StoredVolume(Posed, Field):
@@ -137,6 +130,8 @@ class StoredVolume(Posed, Field):
     stored = True
     #: Files that were read as a whole.
     files: tuple[Path, ...] = ()
+    #: Why its place in the world is not known.
+    unplaced = ""
 
     def __init__(
         self,
@@ -245,9 +240,10 @@ class StoredVolume(Posed, Field):
                 f"{self.samples.name}: the samples at {where} could not be read "
                 f"({type(error).__name__}: {error}); {way}"
             ) from error
+        missing = "missing, " if self.samples.meaning.sparse else ""
         if samples.dtype.kind == "f" and self.nan == "error" and not np.all(np.isfinite(samples)):
             raise ValueError(
-                f"{self.samples.name} has NaN or infinite samples at {where}; clean it, or pass "
+                f"{self.samples.name} has {missing}NaN or infinite samples at {where}; clean it, or pass "
                 f'nan="transparent" to wvr.open to render the cells that touch one as nothing'
             )
         return times_power(samples, self.exponent) if self.exponent else samples

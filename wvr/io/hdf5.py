@@ -13,10 +13,16 @@ from numpy.typing import NDArray
 
 from ..samples import Grid, Unsupported
 from .bytes import Flaw, corrupt, empty, needs, opened
+from .conventions import meaning_of
+from .coordinates import spatial, steps_of
 from .npy import pick
 
 # Spacing in micrometres, slowest axis first, as ilastik and Fiji write it.
 SPACING = "element_size_um"
+# What netCDF calls a dimension without coordinates.
+NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable"
+# What to do about coordinates that are not equally spaced.
+ADVICE = "resample the data, or draw them as if they were: wvr.open(path, spacing=...)"
 # Filters that the library unpacks without a look at how much there is.
 FRAIL = {5: "nbit", 6: "scaleoffset"}
 
@@ -28,8 +34,18 @@ def read_hdf5(path: Path, name: str | None) -> Grid:
         with corrupt(path):
             array = empty(data.shape, data.dtype, path.stat().st_size, "image")
             data.read_direct(array)
+            array = meaning_of(data.attrs, data.dtype, data.fillvalue).all_values(array)
             spacing = spacing_of(data)
-    return Grid(array, np.diag(spacing), np.zeros(3), "", (path,))
+        axes = spatial(names_of_axes(data) or [""] * array.ndim)
+        array = array.transpose([n for n in range(array.ndim) if n not in axes] + axes)
+        if spacing is not None:
+            return Grid(array, np.diag(spacing), np.zeros(3), "", (path,))
+        found = []
+        for axis in reversed(axes):
+            name, coordinates = coordinate_of(path, file, data, axis)
+            with corrupt(path):
+                found.append(steps_of(coordinates, name, ADVICE))
+    return Grid(array, np.diag([step for _, step in found]), np.array([start for start, _ in found]), "", (path,))
 
 
 @contextmanager
@@ -78,12 +94,36 @@ def data_of(path: Path, file: Any, name: str) -> Any:
         return data
 
 
-def spacing_of(data: Any) -> NDArray[np.float64]:
-    """Along x, y, z."""
-    spacing = np.ravel(np.asarray(data.attrs.get(SPACING, (1.0, 1.0, 1.0)), np.float64))[::-1][:3]
+def spacing_of(data: Any) -> NDArray[np.float64] | None:
+    """Along x, y, z; None where it is not said."""
+    if SPACING not in data.attrs:
+        return None
+    spacing = np.ravel(np.asarray(data.attrs[SPACING], np.float64))[::-1][:3]
     if spacing.shape != (3,) or not np.all(spacing > 0) or not np.all(np.isfinite(spacing)):
         raise Flaw(f"its {SPACING} must be three numbers > 0, got {spacing[::-1].tolist()}")
     return spacing
+
+
+def names_of_axes(data: Any) -> list[str] | None:
+    """By its dimension scales, as those of netCDF are, or labels; None where it has none."""
+    names = [
+        str(dim[0].name).rpartition("/")[2] if len(dim) else dim.label or f"axis{n}" for n, dim in enumerate(data.dims)
+    ]
+    said = any(len(dim) or dim.label for dim in data.dims) and len(set(names)) == len(names)
+    return names if said else None
+
+
+def coordinate_of(path: Path, file: Any, data: Any, axis: int) -> tuple[str, NDArray | None]:
+    """Name of an axis, and its coordinates; None where it has none."""
+    with corrupt(path):
+        dim = data.dims[axis]
+        scale = dim[0] if len(dim) else None
+        if scale is None or scale.shape != data.shape[axis : axis + 1] or scale.dtype.kind not in "iuf":
+            return dim.label, None
+        if NO_VARIABLE in bytes(scale.attrs.get("NAME", b"")):
+            return dim.label, None
+        held = data_of(path, file, scale.name)
+        return scale.name.rpartition("/")[2], meaning_of(held.attrs, held.dtype, held.fillvalue).all_values(held[()])
 
 
 def _check_held(data: Any) -> None:

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..samples import Grid, Unsupported, components_error
+from ..samples import Grid, Unsupported, components_error, rescaled
 from .bytes import DENSEST, Flaw, corrupt, empty, guess, opened
 from .space import in_first_unit
 
@@ -23,6 +23,9 @@ UNPACK: dict[int, Callable[[bytes, int], bytes]] = {
     **dict.fromkeys((8, 32946), lambda data, most: zlib.decompressobj().decompress(data, most)),
     34925: lambda data, most: lzma.LZMADecompressor(memlimit=1 << 28).decompress(data, most),
 }
+
+# Kinds of ImageJ's calibrations.
+STRAIGHT, NOT_CALIBRATED = 0, 20
 
 
 def read_tiff(path: Path) -> Grid:
@@ -41,7 +44,7 @@ def stack(path: Path) -> tuple[NDArray, list[float]]:
         strips = [strip for page in pages for strip in zip(page.dataoffsets, page.databytecounts, strict=True)]
         if max(ends + [offset + count for offset, count in strips]) > size or not all(count for _, count in strips):
             raise Flaw("some of its samples are missing")
-        series, spacing = file.series, _spacing(path, file)
+        series, spacing, calibration = file.series, _spacing(path, file), _calibration(file)
         axes, shape, dtype = series[0].axes, series[0].shape, series[0].dtype
         # As many samples as there may be in so many bytes, before any memory is taken for them.
         packing = "raw" if all(page.compression == 1 for page in pages) else "image"
@@ -60,7 +63,7 @@ def stack(path: Path) -> tuple[NDArray, list[float]]:
         if len(shape) == 4 and axes[:2] not in ("TZ", "ZT"):
             raise components_error(f"{path} (axes {axes}, shape {shape})", int(np.prod(extra)))
     with corrupt(path), _raising_log("tifffile"):
-        array = _samples_of(path, dtype, len(pages)).reshape(shape)
+        array = rescaled(_samples_of(path, dtype, pages).reshape(shape), *calibration)
     if len(shape) == 4 and len(lead) == 2:
         return (array if axes[0] == "T" else array.swapaxes(0, 1)), spacing
     return array.reshape(-1, *shape[-2:]), spacing
@@ -77,7 +80,7 @@ def _check_strips(file: BinaryIO, pages: Sequence[Any]) -> None:
                     raise Flaw("a strip of its samples holds more than the whole page")
 
 
-def _samples_of(path: Path, dtype: np.dtype, pages: int) -> NDArray:
+def _samples_of(path: Path, dtype: np.dtype, pages: Sequence[Any]) -> NDArray:
     import tifffile
 
     try:
@@ -90,9 +93,11 @@ def _samples_of(path: Path, dtype: np.dtype, pages: int) -> NDArray:
 
     slices = []
     with Image.open(path) as image:
-        for page in range(pages):
-            image.seek(page)
-            slices.append(np.array(image))
+        for number, page in enumerate(pages):
+            image.seek(number)
+            # It turns bytes round where 0 is white, of which there is no more to be shown than of others.
+            white = page.photometric == tifffile.PHOTOMETRIC.MINISWHITE and image.mode in ("1", "L")
+            slices.append(~np.array(image) if white else np.array(image))
     return np.stack(slices).astype(dtype)
 
 
@@ -115,6 +120,17 @@ def _spacing(path: Path, file: Any) -> list[float]:
         guess(path, "how far slices are apart, only how wide pixels are")
     unit = str(head.get("unit", ""))
     return in_first_unit(lengths, [unit, str(head.get("yunit", unit)), str(head.get("zunit", unit))])
+
+
+def _calibration(file: Any) -> tuple[float, float]:
+    """Slope and intercept by which ImageJ makes values of samples, as of those of 16 bits with a sign."""
+    head = (file.imagej_metadata or {}) if file.is_imagej else {}
+    function = head.get("cf", NOT_CALIBRATED)
+    if function == NOT_CALIBRATED:
+        return 1.0, 0.0
+    if function != STRAIGHT or not all(isinstance(head.get(name), int | float) for name in ("c0", "c1")):
+        raise Unsupported(f"its ImageJ calibration is no straight line (cf={function}): take it away in ImageJ first")
+    return float(head["c1"]), float(head["c0"])
 
 
 @contextmanager

@@ -1,0 +1,168 @@
+"""What files and stores say that their numbers mean: what is missing, slopes, names of axes and coordinates."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import wvr
+from wvr.io.conventions import meaning_of
+
+h5py = pytest.importorskip("h5py")
+nibabel = pytest.importorskip("nibabel")
+xr = pytest.importorskip("xarray")
+zarr = pytest.importorskip("zarr")
+
+RNG = np.random.default_rng(5)
+SHAPE = (4, 5, 6)
+
+
+def read_all(volume) -> np.ndarray:
+    return volume.samples.read(np.zeros(3, int), np.array(volume.dimensions) - 1)
+
+
+def netcdf(path, data, dims, coordinates, fillvalue=None, **attributes):
+    """As netCDF-4 lays it out: each dimension is a scale, with coordinates or without."""
+    with h5py.File(path, "w") as file:
+        held = file.create_dataset("a", data=data, fillvalue=fillvalue)
+        held.attrs.update(attributes)
+        for axis, dim in enumerate(dims):
+            there = dim in coordinates
+            scale = file.create_dataset(dim, data=coordinates.get(dim, np.zeros(data.shape[axis])))
+            scale.make_scale(dim if there else f"This is a netCDF dimension but not a netCDF variable. {axis:9}")
+            held.dims[axis].attach_scale(scale)
+
+
+CASES = [
+    ("i2", {"_FillValue": -999, "scale_factor": 0.01, "add_offset": 273.15}),
+    ("i4", {"_FillValue": 3, "missing_value": [5, 7]}),
+    ("u1", {"_FillValue": 255, "scale_factor": 2.0}),
+    ("f4", {"missing_value": -999.9}),
+    ("i1", {"_Unsigned": "true", "_FillValue": -1, "scale_factor": 0.5}),
+]
+
+
+@pytest.mark.parametrize(("dtype", "attributes"), CASES)
+def test_numbers_mean_what_netcdf_says(tmp_path, dtype, attributes):
+    """As xarray has it, of files and of arrays that it did not decode: fills were shown as samples."""
+    fills = [*np.ravel(attributes.get("_FillValue", [])), *np.ravel(attributes.get("missing_value", []))]
+    data = np.where(RNG.random(SHAPE) < 0.5, RNG.integers(0, 9, SHAPE), RNG.choice(fills, SHAPE)).astype(dtype)
+    given = {name: value if isinstance(value, str) else np.asarray(value) for name, value in attributes.items()}
+    stored = {"_FillValue": "", "missing_value": ""}
+    given = {name: value.astype(dtype) if name in stored else value for name, value in given.items()}
+    given = {name: value if isinstance(value, str) else value[()] for name, value in given.items()}
+    netcdf(tmp_path / "a.nc", data, "zyx", {}, **given)
+    packed = xr.DataArray(data, dims=("z", "y", "x"), attrs=given)
+    expected = xr.decode_cf(packed.to_dataset(name="a"))["a"].values
+    assert np.isnan(expected).any()
+    for volume in (
+        wvr.open(tmp_path / "a.nc", nan="transparent", scalars="a"),
+        wvr.open(packed, nan="transparent"),
+    ):
+        np.testing.assert_allclose(read_all(volume), expected, rtol=1e-7)
+    np.testing.assert_allclose(wvr.as_volume(packed).numpy(), expected, rtol=1e-7)
+    (tmp_path / "a.nc").rename(tmp_path / "a.h5")
+    np.testing.assert_allclose(wvr.read(tmp_path / "a.h5", "a", nan="transparent").numpy(), expected, rtol=1e-7)
+    with pytest.raises(ValueError, match="missing, NaN"):
+        wvr.open(tmp_path / "a.h5", scalars="a").loaded()
+
+
+def test_what_is_out_of_the_valid_range_or_was_never_written_is_missing():
+    data = np.array([-32767, 0, 10, 20, 30], np.int16)
+    for attributes, expected in (
+        ({"valid_range": np.int16([10, 20])}, [np.nan, np.nan, 10, 20, np.nan]),
+        ({"valid_min": np.int16(0), "scale_factor": 0.5}, [np.nan, 0, 5, 10, 15]),
+        ({"valid_max": 5.0, "valid_min": 0.0, "scale_factor": 0.5}, [np.nan, 0, 5, np.nan, np.nan]),
+        ({}, [np.nan, 0, 10, 20, 30]),
+    ):
+        meaning = meaning_of(attributes, data.dtype, None if attributes else np.int16(-32767))
+        values = meaning.values(data)
+        np.testing.assert_array_equal(values, expected)
+        assert values.dtype == meaning.dtype(data.dtype) == np.float32
+    # Of other files chunks are filled with any number.
+    assert meaning_of({}, data.dtype, np.int16(0)).dtype(data.dtype) == np.int16
+    signs = meaning_of({"_Unsigned": "true", "valid_range": np.int8([0, -2])}, np.dtype("i1"))
+    np.testing.assert_array_equal(signs.values(np.int8([-1, -2, 5])), [np.nan, 254, 5])
+    # A fill that no double holds is none of the samples.
+    wide = meaning_of({"_FillValue": np.int64(2 - 2**63)}, np.dtype("i8"))
+    np.testing.assert_array_equal(wide.values(np.array([2 - 2**63, 7])), [np.nan, 7])
+
+
+def test_axes_of_files_are_those_of_their_names_and_coordinates(tmp_path):
+    """They were taken in the order that they are stored in, a step of 1 apart."""
+    data = RNG.random(SHAPE).astype(np.float32)  # lon, depth, lat
+    coordinates = {"lon": 10 + 0.5 * np.arange(4), "lat": 40 - 0.25 * np.arange(6)}
+    packed = xr.DataArray(data, coordinates, ("lon", "depth", "lat"))
+    expected = wvr.as_volume(packed)
+    netcdf(tmp_path / "a.nc", data, ("lon", "depth", "lat"), coordinates)
+    netcdf(tmp_path / "a.h5", data, ("lon", "depth", "lat"), coordinates)
+    packed.to_dataset(name="a").to_zarr(tmp_path / "2.zarr", zarr_format=2, consolidated=False)
+    packed.to_dataset(name="a").to_zarr(tmp_path / "3.zarr", zarr_format=3, consolidated=False)
+    stores = [tmp_path / name for name in ("a.nc", "2.zarr", "3.zarr", "2.zarr/a", "3.zarr/a")]
+    volumes = [wvr.open(store, scalars="a" if store.name != "a" else None) for store in stores]
+    for volume in [*volumes, wvr.open(zarr.open(tmp_path / "3.zarr", mode="r")["a"])]:
+        np.testing.assert_allclose(volume.index_to_world, expected.index_to_world)
+        np.testing.assert_array_equal(read_all(volume), expected.numpy())
+    read = wvr.read(tmp_path / "a.h5", "a")
+    np.testing.assert_allclose(read.index_to_world, expected.index_to_world)
+    np.testing.assert_array_equal(read.numpy(), expected.numpy())
+    netcdf(tmp_path / "b.nc", data, ("lon", "depth", "lat"), {"depth": np.array([0, 1, 2, 4, 8.0])})
+    with pytest.raises(ValueError, match=r"'depth' must be equally spaced.* or give spacing"):
+        wvr.open(tmp_path / "b.nc", scalars="a")
+    assert wvr.open(tmp_path / "b.nc", scalars="a", spacing=(1, 2, 3)).spacing.tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_zarr_of_xarray_means_what_xarray_says(tmp_path, version):
+    data = RNG.integers(0, 9, SHAPE).astype(np.float64)
+    data[RNG.random(SHAPE) < 0.3] = np.nan
+    for name, encoding in {
+        "packed": {"dtype": "i2", "scale_factor": 0.5, "_FillValue": -99},
+        "floats": {"dtype": "f4", "_FillValue": -999.9},
+    }.items():
+        path = tmp_path / name
+        array = xr.DataArray(data, dims=("z", "y", "x"))
+        array.to_dataset(name="a").to_zarr(path, encoding={"a": encoding}, zarr_format=version, consolidated=False)
+        np.testing.assert_allclose(read_all(wvr.open(path, nan="transparent")), data)
+    # Elsewhere what chunks are filled with is a sample like any other.
+    array = zarr.create_array(tmp_path / "b", shape=SHAPE, chunks=SHAPE, dtype="u1", fill_value=0, zarr_format=version)
+    array[:] = 0
+    assert wvr.open(tmp_path / "b").dtype == np.uint8
+
+
+@pytest.mark.parametrize(
+    ("slope", "intercept"), [(3.0, 2.0**24), (2.0**20 + 1, 0.0), (0.5, 1e8), (0.5, 10.0), (2.0, -1024.0)]
+)
+def test_slopes_leave_samples_apart(tmp_path, slope, intercept):
+    """Beyond 2**24 single precision has none of the steps between samples."""
+    data = np.arange(-60, 60, dtype=np.int16).reshape(SHAPE)
+    image = nibabel.Nifti1Image(data.T, np.eye(4))
+    image.header.set_slope_inter(slope, intercept)
+    nibabel.save(image, tmp_path / "a.nii")
+    exact = data * np.float64(slope) + np.float64(intercept)
+    for values in (read_all(wvr.open(tmp_path / "a.nii")), wvr.read(tmp_path / "a.nii").numpy()):
+        np.testing.assert_allclose(values, exact, rtol=0, atol=abs(slope) / 128 if slope == 0.5 else 0)
+    if slope == 3.0:
+        data = np.array([[[2**31 - 1]]], np.int32)
+        image = nibabel.Nifti1Image(data, np.eye(4))
+        image.header.set_slope_inter(2.0**23, 0)
+        nibabel.save(image, tmp_path / "b.nii")
+        with pytest.raises(OSError, match="beyond 2\\*\\*53, which float64 does not hold"):
+            wvr.open(tmp_path / "b.nii").loaded()
+
+
+@pytest.mark.parametrize("kind", ["affine", "path"])
+def test_what_a_transformation_is_may_be_said_instead(tmp_path, kind):
+    """The advice was to give what did not help."""
+    group = zarr.open_group(tmp_path / "a.zarr", mode="w", zarr_format=2)
+    for n in range(2):
+        group.create_array(str(n), shape=SHAPE, chunks=SHAPE, dtype="u1")[:] = n
+    known = {"type": "scale", "scale": [2.0, 1.0, 1.0]}
+    other = {"type": "affine", "affine": [[1, 0, 0, 0]]} if kind == "affine" else {"type": "scale", "path": "there"}
+    levels = [{"path": str(n), "coordinateTransformations": [known, other][n:]} for n in range(2)]
+    axes = [{"name": name, "type": "space"} for name in "zyx"]
+    group.attrs["multiscales"] = [{"version": "0.4", "axes": axes, "datasets": levels}]
+    with pytest.raises(ValueError, match=r"transformation of type .* give spacing"):
+        wvr.open(tmp_path / "a.zarr")
+    volume = wvr.open(tmp_path / "a.zarr", spacing=(1, 2, 3), origin=(4, 5, 6))
+    assert volume.spacing.tolist() == [1, 2, 3] and volume.origin.tolist() == [4, 5, 6] and volume.preview is None
