@@ -40,6 +40,7 @@ def test_attributes():
     [
         ((np.zeros((5, 7, 3)), np.zeros((5, 7))), "rgba must be"),
         ((np.zeros((5, 7, 4), np.uint8), np.zeros((5, 7))), "rgba must be"),
+        ((np.zeros((5, 0, 4)), np.zeros((5, 0))), "rgba must have a pixel or more"),
         ((np.zeros((5, 7, 4)), np.zeros((7, 5))), "samples must have the shape"),
         ((np.zeros((5, 7, 4)), np.zeros((5, 7)), np.zeros(3)), "error_bound must have the shape"),
         ((np.zeros((5, 7, 4)), np.zeros((5, 7)), None, None, "whitish"), "background must be"),
@@ -263,6 +264,35 @@ def test_target_that_is_a_folder(tmp_path):
     with pytest.raises(OSError):
         make_image().save(tmp_path / "a.png")
     assert os.listdir(tmp_path) == ["a.png"]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+def test_only_numbers_are_shown(tmp_path, wrong):
+    """Files of floats keep the others."""
+    image = make_image()
+    image.rgba[2, 3, 1] = wrong
+    for suffix in (".png", ".jpg"):
+        with pytest.raises(ValueError, match="rgba must be finite where it is shown"):
+            image.save(tmp_path / f"a{suffix}")
+    assert not list(tmp_path.iterdir())
+    for suffix in FLOAT_SUFFIXES:
+        image.save(tmp_path / f"a{suffix}")
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), image.rgba)
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_is_beyond_a_format_is_refused(tmp_path):
+    bright = uniform([1e39, 0.5, 0, 1])
+    with pytest.raises(ValueError, match=r"path must end in .tiff or .npy for numbers up to 1e\+39, got .exr"):
+        bright.save(tmp_path / "a.exr")
+    for suffix, most in ((".jpg", 65500), (".jpeg", 65500)):
+        make_image(height=1, width=most).save(tmp_path / f"a{suffix}")
+        with pytest.raises(ValueError, match=f"path must .* that holds 1 x {most + 1} pixels, got {suffix}"):
+            make_image(height=most + 1, width=1).save(tmp_path / f"b{suffix}")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.jpeg", "a.jpg"]
+    bright.save(tmp_path / "c.npy")
+    np.testing.assert_array_equal(bright.to_uint8((1e308, 0, 0)), [[[255, 188, 0]]])
 
 
 def test_notebook_shows_the_png():

@@ -92,6 +92,20 @@ def test_without_ffmpeg_it_is_said_before_anything_is_rendered(volume, tmp_path,
         wvr.orbit(volume, output=tmp_path / "a.mp4", frames=1, **FAST)
 
 
+@pytest.mark.parametrize(("suffix", "most"), [(".gif", 65535), (".mp4", 16384)])
+def test_formats_hold_so_many_pixels_along_a_side(volume, tmp_path, suffix, most):
+    if suffix == ".mp4":
+        pytest.importorskip("imageio_ffmpeg")
+    path = tmp_path / f"a{suffix}"
+    wvr.save_movie([flat(0, (most, 2)), flat(9, (most, 2))], path)
+    with pytest.raises(ValueError, match=f"path must .* that holds 1 x {most + 1} pixels, got {suffix}"):
+        wvr.save_movie([flat(0, (1, most + 1))], path)
+    with pytest.raises(ValueError, match=f"output must be of a format that holds {most + 1} x 1 pixels"):
+        wvr.orbit(volume, frames=2, output=path, size=(most + 1, 1))
+    with pytest.raises(ValueError, match=f"output must be of a format that holds {most + 1} x 1 pixels"):
+        wvr.time_series([volume], output=path, size=(most + 1, 1))
+
+
 def test_an_orbit_is_counter_clockwise_and_keeps_its_distance(volume):
     images = list(wvr.orbit(volume, frames=4, elevation=30, **FAST))
     cameras = [image.shown.camera for image in images]

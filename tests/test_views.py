@@ -248,6 +248,23 @@ def test_orbits():
         wvr.Camera.orbit(volume, 0, 90)
 
 
+@pytest.mark.parametrize("elevation", [88.0, -89.0, 89.9999999, -(90 - 1e-13)])
+def test_orbits_do_not_turn_about_the_view_next_to_a_pole(elevation):
+    """What is to the right stays there, in cameras and in movies."""
+    volume = box((10, 10, 10), (30, 30, 30))
+    for azimuth in (0.0, 90.0, 200.0):
+        right = wvr.Camera.orbit(volume, azimuth, 0).basis()[0]
+        np.testing.assert_allclose(wvr.Camera.orbit(volume, azimuth, elevation).basis()[0], right, atol=1e-12)
+    tf = wvr.TransferFunction([(0, "black", 0.0), (255, "white", 0.2)])
+    level, polar = (
+        next(wvr.orbit(volume, tf, frames=1, elevation=above, size=(24, 8), integrator=wvr.Riemann(2.0)))
+        for above in (0.0, elevation)
+    )
+    right, *_ = polar.shown.camera.basis()
+    np.testing.assert_allclose(right, level.shown.camera.basis()[0], atol=1e-12)
+    assert not polar.rgba[:, [0, -1], 3].any() and polar.rgba[..., 3].any()
+
+
 @pytest.mark.parametrize("scale", [None, 3.0])
 def test_cameras_to_pyvista_and_back(scale):
     camera = wvr.Camera((5, 2, 1), (0, 0.5, 0), (0, 1, 4), 40, scale)

@@ -25,7 +25,8 @@ def srgb_to_linear(encoded: ArrayLike) -> NDArray[np.float64]:
 def linear_to_srgb(linear: ArrayLike) -> NDArray[np.float64]:
     """sRGB-encoded values of linear ones, both with 0 as black and 1 as white; any shape, float64."""
     linear = np.asarray(linear, np.float64)
-    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * np.maximum(linear, 0.0) ** (1 / 2.4) - 0.055)
+    low = 12.92 * np.minimum(linear, 0.0031308)
+    return np.where(linear <= 0.0031308, low, 1.055 * np.maximum(linear, 0.0) ** (1 / 2.4) - 0.055)
 
 
 def is_clear(background: Any) -> bool:

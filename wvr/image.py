@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .color import is_clear, linear_rgb, linear_to_srgb, srgb_to_linear
 from .display import Shown, plot
 from .files import known_suffix, whole_file
-from .pictures import ELSEWHERE, FLOAT_WRITERS, PIXEL_WRITERS, write_png
+from .pictures import ELSEWHERE, FLOAT_WRITERS, PIXEL_WRITERS, check_sides, write_png
 from .resident import Resident
 from .validation import any_array, at_most, path_of, share
 
@@ -101,6 +101,8 @@ class Image:
             height, width = rgba.array.shape
         elif rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.dtype not in (np.float32, np.float64):
             raise ValueError(f"rgba must be float32 or float64 (height, width, 4), got {rgba.dtype} {rgba.shape}")
+        elif not rgba.size:
+            raise ValueError(f"rgba must have a pixel or more, got shape {rgba.shape}")
         else:
             height, width = rgba.shape[:2]
             self.rgba = rgba
@@ -298,6 +300,11 @@ class Image:
         uint8
             Shape (height, width, 3) in front of a background; without one (height, width, 4), whose colour is not
             premultiplied and whose alpha is linear.
+
+        Raises
+        ------
+        ValueError
+            For another background, and where ``rgba`` is NaN or infinite.
         """
         background = self.background if background is None else background
         behind = None if is_clear(background) else _behind(background, self.size)  # type: ignore[arg-type]
@@ -307,6 +314,8 @@ class Image:
         rows = max(STRIP // width, 1)
         for start in range(0, height, rows):
             strip = self.rgba[start : start + rows].astype(np.float64)
+            if not np.isfinite(strip).all():
+                raise ValueError("rgba must be finite where it is shown; files of floats keep NaN and infinite numbers")
             here = behind if behind is None or behind.ndim == 1 else behind[start : start + rows]
             pixels[start : start + rows] = _straight(strip) if here is None else _in_front(strip, here)
         return pixels
@@ -369,12 +378,15 @@ class Image:
         Raises
         ------
         ValueError
-            For another extension, or a background with a format that keeps the floats.
+            For another extension, a background with a format that keeps the floats, and where a format does not hold
+            the image: more than 65500 pixels along a side in a JPEG, what is beyond float32 in an EXR, and NaN or
+            infinite numbers in those of 8 bits.
         OSError
             Where the file cannot be written; ``FileNotFoundError`` where its folder does not exist.
         """
         path = path_of(path)
         suffix = known_suffix(path, (*PIXEL_WRITERS, *FLOAT_WRITERS), elsewhere=ELSEWHERE)
+        check_sides(suffix, self.size, "path")
         if suffix in PIXEL_WRITERS:
             background = self.background if background is None else background
             if suffix != ".png":

@@ -21,10 +21,11 @@ from .files import scratch_folder
 from .framing import framed, visible_points
 from .image import Image
 from .keywords import MovieOptions, refuse
+from .pictures import check_sides
 from .renderer import Renderer
 from .sources import as_volume
 from .validation import any_array, integer, outside, path_of, positive, within
-from .views import View, suggested_view
+from .views import View, seen_around, suggested_view
 from .volume import Volume
 
 if TYPE_CHECKING:
@@ -105,10 +106,8 @@ def orbit(
     """
     frames = integer(frames, "frames", 1)
     elevation, turn = within(elevation, "elevation", 90.0), within(turn, "turn", np.inf)
-    if output is not None:
-        _kind(output, "output")
-        _check_fps(fps)
     size = image_size(size)
+    _check_output(output, fps, size)
     volume = as_volume(data)
     if "camera" in options:
         raise TypeError("camera is what orbit chooses: give elevation and turn")
@@ -142,21 +141,18 @@ def _around(
     points: NDArray[np.float64], volume: Any, frames: int, elevation: float, turn: float, aspect: float
 ) -> Iterator[Camera]:
     """Cameras at one distance, on which all points are in all frames."""
-    front, up = _level(suggested_view(volume))
-    above = np.radians(elevation)
+    level = _level(suggested_view(volume))
 
-    def direction(n: int) -> NDArray[np.float64]:
-        around = np.radians(turn) * n / frames
-        level = np.cos(around) * front + np.sin(around) * np.cross(up, front)
-        return np.cos(above) * level + np.sin(above) * up
+    def view(n: int) -> View:
+        return seen_around(*level, turn * (n / frames), elevation)
 
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     distance = 0.0
     for n in range(0, frames, max(1, frames // 36)):
         # Mirrored at the middle as well, so that the nearest camera is right in front of it.
-        camera = framed(np.concatenate([points, 2 * middle - points]), direction(n), up, aspect=aspect)
+        camera = framed(np.concatenate([points, 2 * middle - points]), *view(n), aspect=aspect)
         distance = max(distance, float(np.linalg.norm(camera.position - middle)))
-    return (Camera(middle + distance * direction(n), middle, up) for n in range(frames))
+    return (Camera(middle + distance * direction, middle, up) for direction, up in map(view, range(frames)))
 
 
 @overload
@@ -200,10 +196,8 @@ def time_series(
     **options
         Other keywords of :func:`wvr.render`.
     """
-    if output is not None:
-        _kind(output, "output")
-        _check_fps(fps)
     size = image_size(size)
+    _check_output(output, fps, size)
     moments, count = _moments(data)
     try:
         first = next(moments)
@@ -308,7 +302,8 @@ def save_movie(
     Raises
     ------
     ValueError
-        For another extension, no images, images of several sizes, or a folder with something in it.
+        For another extension, no images, images of several sizes, a folder with something in it, and where the format
+        does not hold so many pixels along a side: 65535 of a GIF, 16384 of an MP4.
     ImportError
         Where imageio-ffmpeg is missing.
     OSError
@@ -326,6 +321,7 @@ def save_movie(
         first = next(pixels)
     except StopIteration:
         raise ValueError("images must be at least one, got none") from None
+    check_sides(kind, first.shape[1::-1], "path")
     parent = target.parent
     if not parent.is_dir():
         raise FileNotFoundError(f"path must be in a folder that exists, got {str(target)!r}")
@@ -342,6 +338,13 @@ def save_movie(
                 made.chmod(stat.S_IMODE(target.stat().st_mode))
             os.replace(made, target)
     return named
+
+
+def _check_output(output: Any, fps: Any, size: tuple[int, int]) -> None:
+    """Of a movie that is asked for, before anything is rendered."""
+    if output is not None:
+        check_sides(_kind(output, "output"), size, "output")
+        _check_fps(fps)
 
 
 def _check_fps(fps: Any) -> None:

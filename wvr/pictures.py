@@ -9,6 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+def check_sides(suffix: str, size: tuple[int, int], name: str) -> None:
+    """Say so where a format does not hold so many pixels along a side; ``name`` is that of the path."""
+    if max(size) > (most := WIDEST.get(suffix, max(size))):
+        raise ValueError(
+            f"{name} must be of a format that holds {size[0]} x {size[1]} pixels, got {suffix}, which holds up to "
+            f"{most} along a side"
+        )
+
+
 def write_png(file: BinaryIO, pixels: NDArray[np.uint8]) -> None:
     from PIL import Image as PillowImage
     from PIL.PngImagePlugin import PngInfo
@@ -27,9 +36,14 @@ def write_jpeg(file: BinaryIO, pixels: NDArray[np.uint8]) -> None:
 def write_exr(file: BinaryIO, rgba: NDArray[np.floating]) -> None:
     import OpenEXR
 
+    with np.errstate(over="ignore"):
+        pixels = np.ascontiguousarray(rgba, np.float32)
+    if pixels.dtype != rgba.dtype and not np.array_equal(np.isfinite(pixels), np.isfinite(rgba)):
+        most = np.abs(rgba[np.isfinite(rgba)]).max()
+        raise ValueError(f"path must end in .tiff or .npy for numbers up to {most:.3g}, got .exr, which is float32")
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "software": "wvr"}
     try:
-        with OpenEXR.File(header, {"RGBA": np.ascontiguousarray(rgba, np.float32)}) as exr:
+        with OpenEXR.File(header, {"RGBA": pixels}) as exr:
             exr.write(file.name)
     except RuntimeError as error:
         raise OSError(f"could not write the EXR file: {error}") from error
@@ -52,6 +66,8 @@ FLOAT_WRITERS: dict[str, Callable[[BinaryIO, NDArray[np.floating]], None]] = {
     ".tiff": write_tiff,
     ".npy": np.save,
 }
+# Pixels along a side that formats of files, or those who write them, hold.
+WIDEST = {".jpg": 65500, ".jpeg": 65500, ".gif": 65535, ".mp4": 16384}
 # What writes what is no picture, or no pixels.
 ELSEWHERE = {
     ".gif": "wvr.orbit, wvr.time_series and wvr.save_movie write movies",

@@ -86,6 +86,17 @@ def front_and_up(volume: Field) -> tuple[Floats, Floats]:
     return np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
+def seen_around(front: Floats, up: Floats, azimuth: float, elevation: float) -> View:
+    """From an orbit, so many degrees counter-clockwise from the front, as seen from above, and above the horizon.
+
+    ``front`` and ``up`` are orthonormal. Upwards in the image is the same everywhere, but given across the direction:
+    next to the poles nothing would be left of what is along it.
+    """
+    around, above = np.radians(azimuth), np.radians(elevation)
+    level = np.cos(around) * front + np.sin(around) * np.cross(up, front)
+    return View(np.cos(above) * level + np.sin(above) * up, np.cos(above) * up - np.sin(above) * level)
+
+
 def suggested_view(volume: Field) -> View:
     """A view that suits what is in a volume, whatever transfer function it is seen with.
 
