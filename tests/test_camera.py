@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 import types
 
 import mpmath
@@ -277,6 +278,26 @@ def test_fit_refuses(changes, message):
 def test_size_refused(size):
     with pytest.raises(ValueError, match="size must be"):
         Camera((1, 0, 0), (0, 0, 0)).rays(size)
+
+
+@pytest.mark.parametrize("size", [(46336, 46336), (2**23, 240), (1, 2**23)])
+def test_pixels_are_counted_in_32_bits(size):
+    """In whole tiles, as kernels count them."""
+    assert image_size(size) == size
+    if min(size) > 1:
+        with pytest.raises(
+            ValueError, match=r"size must be .* of at most 2147483647 pixels, in whole tiles of 16 x 16"
+        ):
+            image_size((size[0], size[1] + 1))
+
+
+@pytest.mark.parametrize("signs", list(itertools.product((1, -1), repeat=3)))
+def test_fit_finds_another_upward_direction(signs):
+    """Of (1, -1, 1) the one that VTK takes is along it as well."""
+    for up in (signs, np.negative(signs), np.add(signs, (1e-5, 0, 0))):
+        camera = Camera.fit(axis_aligned_volume(), signs, up)
+        np.testing.assert_allclose(np.cross(camera.basis()[2], signs), 0, atol=1e-12)
+        assert abs(camera.up @ signs) < 0.99 * np.linalg.norm(camera.up) * np.sqrt(3)
 
 
 def test_size_of_numpy_integers():

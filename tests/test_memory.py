@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import wvr
+from wvr import memory
 from wvr.bricks import blocks
 from wvr.memory import give_back
 
@@ -36,3 +37,22 @@ def test_blocks_that_stream_by_are_given_back(monkeypatch):
     volume = wvr.build_ranges(wvr.open(np.random.default_rng(0).integers(1, 255, (70, 70, 140), dtype=np.uint8)))
     image = wvr.render(volume, [(0, "red", 0.0), (255, "white", 0.01)], "iso", (20, 20))
     assert 0 < len(called) <= image.stats["blocks_read"]
+
+
+@pytest.mark.parametrize(
+    ("call", "what"),
+    [
+        (lambda scene, size: wvr.render(wvr.Volume(scene[0]), *scene[1:], size), "data and image"),
+        (lambda scene, size: wvr.render(wvr.Volume(scene[0]), *scene[1:], size, memory_limit="1 GiB"), "images of br"),
+        (lambda scene, size: wvr.render(wvr.open(scene[0]), *scene[1:], size, client=False), "images of bricks"),
+        (lambda scene, size: wvr.single_scattering(wvr.Volume(scene[0]), *scene[1:], size), "data and image"),
+        (lambda scene, size: scene[2].rays(size), "rays of 40000 x 40000 pixels"),
+    ],
+)
+def test_images_that_do_not_fit_are_refused_before_any_memory_is_taken(call, what, monkeypatch):
+    samples = np.zeros((4, 4, 4), np.uint8)
+    tf = wvr.TransferFunction([(0, "red", 0.0), (255, "white", 0.01)])
+    scene = samples, tf, wvr.Camera.fit(wvr.Volume(samples))
+    monkeypatch.setattr(memory, "free_host_memory", lambda: 2.0**30)
+    with pytest.raises(MemoryError, match=rf"^{what}.* need .* GiB on cpu, which has 1\.0 GiB free: take a smaller"):
+        call(scene, (40000, 40000))

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .field.base import Field
+from .kernels.ray import TILE, tiles
+from .memory import check_room
 from .validation import finite_vector, flag, float_array, positive, within
 
 if TYPE_CHECKING:
@@ -24,6 +26,10 @@ if TYPE_CHECKING:
 
 # Pixels along a side of an image: bytes of what is kept of a row are counted in 32 bits.
 WIDEST = 2**23
+# Pixels of an image, in whole tiles: kernels count them in 32 bits.
+MOST_PIXELS = 2**31 - 1
+# Bytes of a ray while many are made.
+RAY = 128
 # Lengths in the world whose squares are numbers.
 FARTHEST = 1e150
 
@@ -126,8 +132,14 @@ class Camera:
             World coordinates, float64, shape (height, width, 3), row 0 at the top. The directions are of unit length.
             Rays of an orthographic camera are given from the plane through ``position`` across the direction of view,
             though they are rendered from behind everything.
+
+        Raises
+        ------
+        MemoryError
+            Where there is not enough of it.
         """
         width, height = image_size(size)
+        check_room(RAY * width * height, None, f"rays of {width} x {height} pixels", "a smaller size")
         right, up, forward = self.basis()
         half_height = self.half_height
         x = (2 * np.arange(width) + 1 - width) / height * half_height
@@ -161,7 +173,8 @@ class Camera:
         direction
             World direction from the volume towards the camera, of any length.
         up
-            Upward direction. One within 2.6 degrees of ``direction`` is replaced by (-up[2], up[0], up[1]), as in VTK.
+            Upward direction. One within 2.6 degrees of ``direction`` is replaced by (-up[2], up[0], up[1]), as in VTK,
+            or where that is along it as well, by (up[1], up[2], up[0]).
         parallel
             Orthographic instead of perspective.
         view_angle
@@ -224,14 +237,11 @@ class Camera:
         >>> bool(abs(camera.position[0] - 3.5) < 1e-9 and camera.position[1] > 3.5)
         True
         """
-        from .views import front_and_up
+        from .views import front_and_up, seen_around
 
         azimuth, elevation = within(azimuth, "azimuth", np.inf), within(elevation, "elevation", 90.0)
-        front, up = front_and_up(volume)
-        around, above = np.radians(azimuth), np.radians(elevation)
-        level = np.cos(around) * front + np.sin(around) * np.cross(up, front)
-        direction = np.cos(above) * level + np.sin(above) * up
-        return cls.fit(volume, direction, up, parallel, view_angle, aspect)
+        view = seen_around(*front_and_up(volume), azimuth, elevation)
+        return cls.fit(volume, *view, parallel, view_angle, aspect)
 
     def project(self, points: ArrayLike, size: tuple[int, int]) -> NDArray[np.float64]:
         """Where world points are in an image.
@@ -320,10 +330,15 @@ class Camera:
 
 
 def not_along(up: ArrayLike, direction: ArrayLike) -> NDArray[np.float64]:
-    """The upward direction, or where that is along the direction of view, to 2.6 degrees, another, as VTK takes it."""
+    """The upward direction, or where that is along the direction of view, to 2.6 degrees, another, as VTK takes it but
+    for (1, -1, 1), of which VTK's is along that as well.
+    """
     upward, towards = np.asarray(up, np.float64), np.asarray(direction, np.float64)
-    along = np.any(upward) and np.any(towards) and abs(_unit(upward) @ _unit(towards)) > 0.999
-    return np.array([-upward[2], upward[0], upward[1]]) if along else upward
+    x, y, z = upward
+    for other in (upward, np.array([-z, x, y])):
+        if not np.any(upward) or not np.any(towards) or abs(_unit(other) @ _unit(towards)) <= 0.999:
+            return other
+    return np.array([y, z, x])
 
 
 def image_size(size: Any) -> tuple[int, int]:
@@ -336,6 +351,11 @@ def image_size(size: Any) -> tuple[int, int]:
         raise ValueError(f"size must be (width, height), each >= 1, got {size!r}")
     if max(width, height) > WIDEST:
         raise ValueError(f"size must be (width, height), each at most {WIDEST}, got {size!r}")
+    if tiles(width, height) * int(TILE) ** 2 > MOST_PIXELS:
+        raise ValueError(
+            f"size must be (width, height) of at most {MOST_PIXELS} pixels, in whole tiles of {TILE} x {TILE}, got "
+            f"{size!r}: {width * height} pixels"
+        )
     return width, height
 
 

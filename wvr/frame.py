@@ -30,7 +30,7 @@ from .kernels.raycast import make_raycast
 from .kernels.scene import Halves
 from .launch import in_turn, launch, launch_pixels
 from .light.sweep import AHEAD, Sweeping, shade
-from .memory import free_memory, gib
+from .memory import check_room
 from .probe import Prober, make_prober, probe, tightest
 from .resident import Resident, buffer, fetched, settled, stays
 from .scene import Scene
@@ -43,6 +43,8 @@ ASTRAY = 2.0**-49
 ROUNDED = 2.0**-49
 # Parts of a direction that are no move along an axis: one over a ray's has to be a number.
 STILL = 1e-100
+# Bytes of a pixel, and of one that is probed, while there is an image of them.
+PIXEL, PROBED = 64, 96
 
 Tracer = Callable[[int, int], NDArray[np.void]]
 
@@ -75,7 +77,7 @@ class Frame:
         """The image."""
         clock = Clock(self.device)
         scene, integrator = self.scene, self.scene.integrator
-        self._check_memory()
+        self.check_memory()
         if integrator.probes:
             return self._probed(clock)
         shown = integrator.shown(scene)
@@ -269,16 +271,15 @@ class Frame:
 
         return trace
 
-    def _check_memory(self) -> None:
+    def check_memory(self) -> None:
+        """Say so where there is too little of it, before any is taken."""
         scene, device, pixels = self.scene, self.device, self.width * self.height
-        needed = sum(volume.missing_on(device) for volume in set(self.scene.volumes())) + pixels * 64
+        needed = sum(volume.missing_on(device) for volume in set(scene.volumes()))
+        needed += pixels * (PROBED if scene.integrator.probes else PIXEL)
         if scene.shadows is not None:
-            needed += AHEAD + pixels * 64
-        if needed > (free := free_memory(device)):
-            raise MemoryError(
-                f"data and image need {gib(needed)} on {device.alias}, which has {gib(free)} "
-                f"free: take a smaller size than {self.width} x {self.height}, or a smaller volume"
-            )
+            needed += AHEAD + pixels * PIXEL
+        size = f"{self.width} x {self.height}"
+        check_room(needed, device, "data and image", f"a smaller size than {size}, or a smaller volume")
 
 
 def image_of(

@@ -30,6 +30,13 @@ def free_host_memory() -> float:
         return float("inf")
 
 
+def check_room(needed: float, device: wp.Device | None, what: str, instead: str) -> None:
+    """Say so where more bytes are needed than can be taken on a device, by default the host, before any is."""
+    free, where = (free_host_memory(), "cpu") if device is None else (free_memory(device), device.alias)
+    if needed > free:
+        raise MemoryError(f"{what} need {gib(needed)} on {where}, which has {gib(free)} free: take {instead}")
+
+
 def give_back() -> None:
     """Have the system take back memory that is free but kept by the process: where arrays come and go among small ones
     that stay, glibc may keep many times what there is at a time.

@@ -110,6 +110,7 @@ def single_scattering(
     with cancelling(cancel):
         width, height = image_size(size)
         frame = Frame(scene, camera, (width, height), Keeper(at))
+        frame.check_memory()
         integrator = scene.integrator
         along = integrator.precision(scene)
         halves = frame.halves(REALS[along], integrator.half(scene))

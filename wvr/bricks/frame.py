@@ -14,6 +14,7 @@ from ..frame import image_of
 from ..image import Image
 from ..keep import Keeper
 from ..launch import in_turn
+from ..memory import check_room
 from ..probe import make_prober, tightest
 from ..resident import fetched
 from ..scene import Scene
@@ -29,6 +30,8 @@ from .streamed import Streamed
 CELLS = (256, 128, 64, 32, 16)
 # Rounding of a composition, in parts of the brightest colour.
 COMPOSED = 2.0**-50
+# Bytes of a pixel, and of one that is probed, while bricks are composed.
+PIXEL, PROBED = 96, 256
 
 
 def check(scene: Scene, reading: Reading) -> None:
@@ -104,6 +107,9 @@ class BrickedFrame:
 
     def render(self, store: BrickStore | None = None) -> tuple[Image, BrickStore | None]:
         """The image, and its bricks for the next one; those of the last one are taken where they are the same."""
+        width, height = self.size
+        needed = width * height * (PROBED if self.scene.integrator.probes else PIXEL)
+        check_room(needed, None, "images of bricks", f"a smaller size than {width} x {height}")
         caster, image, stats, store = self._cast(store)
         return self.finish(caster, image, stats), store
 
