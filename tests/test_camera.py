@@ -1,5 +1,7 @@
+import copy
 import dataclasses
 import itertools
+import pickle
 import types
 
 import mpmath
@@ -311,8 +313,12 @@ def test_cameras_do_not_change():
     assert camera.position[0] == 1
     with pytest.raises(dataclasses.FrozenInstanceError):
         camera.view_angle = 20
-    with pytest.raises(ValueError, match="read-only"):
-        camera.position[0] = 9
+    copies = [copy.copy(camera), copy.deepcopy(camera), *(pickle.loads(pickle.dumps(camera, n)) for n in range(6))]
+    for one in (camera, *copies):
+        for name in ("position", "target", "up"):
+            with pytest.raises(ValueError, match="read-only"):
+                getattr(one, name)[0] = 9
+        assert repr(one) == repr(camera)
     assert dataclasses.replace(camera, view_angle=20).view_angle == 20
     assert repr(camera) == "Camera((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), up=(0.0, 0.0, 1.0), view_angle=30.0)"
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from .field.base import Field
 from .kernels.ray import TILE, tiles
 from .memory import check_room
+from .pose import Fixed
 from .validation import finite_vector, flag, float_array, positive, within
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ FARTHEST = 1e150
 
 
 @dataclass(frozen=True, init=False, eq=False)
-class Camera:
+class Camera(Fixed):
     """A perspective camera or, with ``parallel_scale``, an orthographic one.
 
     Parameters
@@ -59,6 +60,7 @@ class Camera:
         parallel to the direction of view, a view angle outside (0, 180), or ``parallel_scale`` <= 0.
     """
 
+    fixed = ("position", "target", "up")
     position: NDArray[np.float64]
     target: NDArray[np.float64]
     up: NDArray[np.float64]
