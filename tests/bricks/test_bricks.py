@@ -360,7 +360,7 @@ def test_a_kept_renderer_of_bricks_sees_what_changed(monkeypatch):
         look(camera, np.full(SIZE[::-1], 30.0))
         kept.transfer_function = other
         look(camera)
-        kept.clip = wvr.ClipPlane((6, 6, 6), (1, 1, 0))
+        kept.clip, kept.transfer_function = wvr.ClipPlane((6, 6, 6), (1, 1, 0)), TF
         look(camera)
         kept.clip = wvr.ClipVolume(mask, 0.5)
         look(camera)
