@@ -719,3 +719,13 @@ class Gone:
 
     def __getitem__(self, key):
         raise OSError("gone")
+
+
+@pytest.mark.parametrize("given", [lambda block: block + 300.5, lambda block: block[:1]])
+def test_arrays_that_are_not_what_they_say_are_refused(given):
+    """Samples would be cut to the dtype that was said, or be of other places."""
+    array = pytest.importorskip("dask.array")
+    blocks = array.from_array(np.ones((6, 5, 4), np.uint8), chunks=(3, 5, 4))
+    lying = blocks.map_blocks(given, dtype=np.uint8, meta=np.empty((0, 0, 0), np.uint8))
+    with pytest.raises(OSError, match=r"says samples \(6, 5, 4\) of uint8, and has \("):
+        wvr.open(lying).region(np.zeros(3, int), np.array([3, 4, 5]))

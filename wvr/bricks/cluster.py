@@ -20,6 +20,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from ..io.conventions import Meaning
 from ..keep import Keeper
 from ..launch import get_device, set_num_threads, waited
 from .brick import Caster
@@ -313,6 +314,10 @@ class Remembered:
     @property
     def dtype(self) -> np.dtype:
         return self.samples.dtype
+
+    @property
+    def meaning(self) -> Meaning:
+        return self.samples.meaning
 
     def read(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> NDArray:
         """As of ``Samples``."""

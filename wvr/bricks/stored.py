@@ -103,6 +103,10 @@ class Samples:
         part = np.asarray(part)
         left = [axis for axis in range(len(key)) if axis not in dict(self.fixed)]
         part = part.transpose([left.index(axis) for axis in self.axes])
+        said, shape = np.dtype(self.array.dtype), tuple((high - low + 1)[::-1].tolist())
+        if part.dtype.newbyteorder("=") != said.newbyteorder("=") or part.shape != shape:
+            # As of Dask, whose arrays are what they were said to be, and are computed later.
+            raise ValueError(f"{self.name} says samples {shape} of {said}, and has {part.shape} of {part.dtype}")
         return np.ascontiguousarray(self.meaning.values(part), self.dtype)
 
 
