@@ -58,7 +58,8 @@ def open(
           ``zarr.Group``;
         - a ``dask.array``, or any array with chunks that is sliced as NumPy's are;
         - an xarray ``DataArray`` or ``Dataset``: dimensions by name, coordinates that are equally spaced;
-        - an HDF5 file, or an ``h5py.Dataset``;
+        - an HDF5 or netCDF 4 file, or an ``h5py.Dataset``; as in Zarr, fills, valid ranges, slopes and signs are
+          applied as the conventions of netCDF have them, and missing samples are NaN;
         - a .npy, .nii or (with ``shape`` and ``dtype``) raw file, mapped into memory; a ``numpy.memmap``.
     level
         Of a pyramid: 0, the default, is the finest one.
