@@ -85,6 +85,13 @@ def test_imports_are_found():
 
 
 @every_file
+def test_no_property_has_a_lock_for_all_objects(path):
+    """As those of functools have up to Python 3.11."""
+    imported = re.search(r"^\s*(from functools import .*\bcached_property|import functools)\b", path.read_text(), re.M)
+    assert not imported or path.name == "cached.py"
+
+
+@every_file
 def test_kernels_import_kernels_alone(path):
     if path.is_relative_to(ROOT / "kernels"):
         assert not [module for module in imports(path) if module[:2] != ("wvr", "kernels")]

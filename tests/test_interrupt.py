@@ -15,6 +15,7 @@ import pytest
 import warp as wp
 
 import wvr
+from wvr.cached import cached_property
 from wvr.launch import Lock, _report, cancelling, get_device, in_turn, launch, launch_in_turn, reporting
 
 TF = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.001)])
@@ -98,6 +99,30 @@ cancel.set()
 thread.join()
 assert outcome == 7, outcome
 """)
+
+
+def test_no_thread_waits_for_what_another_computes_of_its_own():
+    entered, go = threading.Event(), threading.Event()
+
+    class Slow:
+        def __init__(self, waits):
+            self.waits = waits
+
+        @cached_property
+        def value(self):
+            entered.set()
+            return not self.waits or go.wait(20)
+
+    first, second = Slow(True), Slow(False)
+    threads = [threading.Thread(target=lambda one=one: one.value, daemon=True) for one in (first, second)]
+    threads[0].start()
+    assert entered.wait(20)
+    threads[1].start()
+    threads[1].join(5)
+    assert vars(second)["value"] is True and "value" not in vars(first)
+    go.set()
+    threads[0].join()
+    assert first.value is True and isinstance(Slow.value, cached_property)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from io import BytesIO
 from operator import index
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -13,6 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from .cached import cached_property
 from .color import is_clear, linear_rgb, linear_to_srgb, srgb_to_linear
 from .display import Shown, plot
 from .files import known_suffix, whole_file

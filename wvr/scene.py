@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
+from .cached import cached_property
 from .camera import Camera
 from .color import is_clear, linear_rgb
 from .cuts.base import Clip

@@ -12,13 +12,13 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable
-from functools import cached_property
 from itertools import zip_longest
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .cached import cached_property
 from .color import doubt_bytes, linear_rgb
 from .colormaps import Colors, Opacity, check_opacity, entries, opacities, sampled
 from .files import known_suffix, read_text, write_text

@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -18,6 +17,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from .cached import cached_property
 from .checksum import checksum
 from .copied import Copied, has_memory
 from .field.base import Field

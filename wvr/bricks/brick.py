@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import ceil, log2
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ..cached import cached_property
 from ..camera import Camera
 from ..cuts.labels import Segmentation
 from ..faces import proven
