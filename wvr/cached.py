@@ -1,5 +1,5 @@
-"""Properties that are computed once, without the lock that ``functools`` holds meanwhile, for all objects of a class, up
-to Python 3.11: threads with scenes of their own waited for each other, and for ever a child that was forked then.
+"""Properties that are computed once, without the lock for all objects of a class that ``functools`` holds meanwhile up
+to Python 3.11: threads with scenes of their own waited for each other, and a child that was forked then for ever.
 """
 
 from __future__ import annotations
