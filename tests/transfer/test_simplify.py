@@ -1,7 +1,7 @@
 """Fewer control points, and deviations that are what they are said to be."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import wvr
@@ -15,6 +15,7 @@ def interpolated(knots, values, s):
 
 @settings(max_examples=150, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(1e-6, 0.1))
+@example(5130, 0.03515625)
 def test_deviations(seed, share):
     rng = np.random.default_rng(seed)
     n = int(rng.integers(2, 200))
@@ -40,8 +41,10 @@ def test_deviations(seed, share):
     visible = np.maximum(before[:, 3], after[:, 3]) > 0
     assert np.array_equal(before[:, 3] > 0, after[:, 3] > 0)
     assert off[visible, :3].max(initial=0) <= result.color + 1e-12
-    least = np.minimum(before[:, 3], after[:, 3])
-    assert np.all(off[:, 3] <= np.maximum(result.relative * least, result.absolute) + 1e-12)
+    # At a control point it is the one or the other, between two of which one is off by each it is some of both.
+    relative, absolute = result.relative * np.minimum(before[:, 3], after[:, 3]), result.absolute
+    most = np.where(np.arange(len(s)) < len(smooth), np.maximum(relative, absolute), relative + absolute)
+    assert np.all(off[:, 3] <= most + 1e-12)
 
 
 def test_a_color_map_loses_most_of_its_control_points():

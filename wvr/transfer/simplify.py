@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Simplified:
-    """Control points that are left, and the largest deviations between them."""
+    """Control points that are left, and the largest deviations between them; of extinction both may add up."""
 
     knots: Floats  # (m,)
     values: Floats  # (m, 4) colour and extinction
