@@ -1,5 +1,7 @@
 # Everything happens in .venv; each target sets up what it needs where it is missing or older than pyproject.toml.
-# What is installed is compiled to bytecode when first imported: most of it never is.
+# What is installed is compiled to bytecode when first imported: most of it never is. Processes that may not keep that
+# would each do it anew, a second and more.
+unexport PYTHONDONTWRITEBYTECODE
 PYTHON ?= python3
 BIN := .venv/bin
 

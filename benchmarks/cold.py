@@ -83,11 +83,15 @@ def charts(result: Result) -> dict[str, Figure]:
 
 
 def _process(work: str, folder: Path, empty: bool = False) -> Contender:
-    """A new process that works in ``folder``; its kernel cache is there or, with ``empty``, new."""
+    """A new process that works in ``folder``; its kernel cache is there or, with ``empty``, new.
+
+    Bytecode is kept, as where nobody says otherwise: to compile all that is imported takes longer than to import it.
+    """
 
     def run() -> Time:
         with TemporaryDirectory() as new:
             environment = {**os.environ, "WARP_CACHE_PATH": new if empty else str(folder / "cache")}
+            environment.pop("PYTHONDONTWRITEBYTECODE", None)
             command = [sys.executable, "-c", CHILD.format(work=work)]
             child = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
         if child.returncode != 0:
