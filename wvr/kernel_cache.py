@@ -28,9 +28,8 @@ ROOM = 1 << 24
 # headers are compiled ahead.
 LEAN = "-DWP_NO_BFLOAT16="
 # Warp has everything inlined that is not huge. Only rays one by one and tables are faster for it, and it takes half as
-# long again; nothing is faster for what LLVM itself holds to be run seldom.
+# long again.
 DEEP = "-mllvm=-"
-SELDOM = "-mllvm=-inline-cold-callsite-threshold"
 
 
 def start() -> None:
@@ -49,7 +48,7 @@ def load(kernel: wp.Kernel, device: wp.Device, block_dim: int, deep: bool = True
     flags = module.options["cpu_compiler_flags"]
     if flags is None:
         flags = "-march=native" if wp.config.cpu_compiler_flags is None else wp.config.cpu_compiler_flags
-        kept = [flag for flag in flags.split() if not flag.startswith(SELDOM if deep else DEEP)]
+        kept = [flag for flag in flags.split() if deep or not flag.startswith(DEEP)]
         wp.set_module_options({"cpu_compiler_flags": " ".join([*kept, LEAN])}, module)
     name = module.get_module_identifier(block_dim)
     with _alone(name), wp.ScopedLogLevel(wp.LOG_WARNING):
