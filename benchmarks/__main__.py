@@ -16,7 +16,7 @@ from rich.console import Console
 from studies.base.harness import RESULTS, ROOT, STYLE, Settings, markdown, rich_table, save, save_figure
 from wvr.files import write_text
 
-from . import certified, clipping, cold, kernels, peers, projections, throughput, viewer
+from . import certified, clipping, cold, kernels, lit, peers, projections, throughput, viewer
 from .gpu import command as gpu
 
 ENTRIES: dict[str, ModuleType] = {
@@ -26,6 +26,7 @@ ENTRIES: dict[str, ModuleType] = {
     "peers": peers,
     "cold": cold,
     "projections": projections,
+    "lit": lit,
     "viewer": viewer,
 }
 # Of all charts, the one that reports show.

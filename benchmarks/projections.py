@@ -5,13 +5,22 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
-from statistics import median
 
 import numpy as np
 from matplotlib.figure import Figure
 
 import wvr
-from studies.base.harness import Result, Row, Settings, Time, bars, interleave, machine, summarize, timed
+from studies.base.harness import (
+    Result,
+    Row,
+    Settings,
+    bars,
+    interleave,
+    machine,
+    processor_ratios,
+    summarize,
+    timed,
+)
 from studies.base.peer import NotAvailableError
 from studies.base.scenes import Scene
 from studies.base.vtk_cpu import VtkCpu
@@ -54,7 +63,7 @@ def measure(settings: Settings) -> Result:
             except NotAvailableError as error:
                 notes.append(f"{VTK}: not available: {error}.")
             times = interleave(contenders, settings.rounds)
-        ratios = _of(times, VTK)
+        ratios = processor_ratios(times, VTK)
         for row in summarize(name, times, BASELINE):
             rows.append(replace(row, extra={"CPU, of VTK's": ratios.get(row.name)}))
     title = (
@@ -66,10 +75,3 @@ def measure(settings: Settings) -> Result:
 def charts(result: Result) -> dict[str, Figure]:
     """By file name."""
     return {"projections": bars(result, lambda row: (row.wall, row.fastest, row.slowest), "Seconds a frame")}
-
-
-def _of(times: dict[str, list[Time]], other: str) -> dict[str, float]:
-    if other not in times:
-        return {}
-    theirs = median(time.cpu for time in times[other])
-    return {name: median(time.cpu for time in runs) / theirs for name, runs in times.items()}

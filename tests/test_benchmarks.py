@@ -9,7 +9,7 @@ from PIL import Image as PillowImage
 
 import wvr
 from benchmarks import __main__ as command
-from benchmarks import certified, numpy_marcher, peers, scenes
+from benchmarks import certified, lit, numpy_marcher, peers, scenes
 from studies.base import harness, reference
 from studies.base.harness import Row, Settings, Time
 from studies.base.peer import NotAvailableError
@@ -88,6 +88,16 @@ def test_cuts_and_labels(quick):
     assert "samples per ray" in text
 
 
+def test_light_beside_vtk_or_a_note_says_why_not(quick):
+    result, text = quick("lit")
+    ours = {f"{name}{behind}" for name in ("Certified(0.00195)", "Preintegrated(1.0)") for behind in ("", ", lit")}
+    for scene in lit.SCENES:
+        names = {row.name for row in result.rows if row.group == scene}
+        assert ours <= names and (lit.VTK in names or any("not available" in note for note in result.notes))
+    assert all(row.extra["CPU, of VTK's, lit"] == 1 for row in result.rows if row.name == lit.VTK)
+    assert "CPU, of VTK's, lit" in text
+
+
 def test_certified_frames_are_within_their_tolerances(quick):
     result, text = quick("certified")
     errors = {(row.group, row.name): row.extra["max error"] for row in result.rows if "max error" in row.extra}
@@ -153,7 +163,7 @@ def test_a_viewer_answers_before_it_is_done(quick):
 
 def test_unknown_names_are_refused(tmp_path):
     with pytest.raises(
-        ValueError, match=r"throughput, certified, clipping, peers, cold, projections, viewer, got speed"
+        ValueError, match=r"throughput, certified, clipping, peers, cold, projections, lit, viewer, got speed"
     ):
         command.run("speed", out=tmp_path)
 

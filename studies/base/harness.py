@@ -158,6 +158,14 @@ def summarize(
     return rows
 
 
+def processor_ratios(times: Mapping[str, list[Time]], other: str) -> dict[str, float]:
+    """Processor seconds in parts of those of another contender, by name; none where that did not run."""
+    if other not in times:
+        return {}
+    theirs = median(time.cpu for time in times[other])
+    return {name: median(time.cpu for time in runs) / theirs for name, runs in times.items()}
+
+
 # --- The machine ----------------------------------------------------------------------------------------------------
 
 

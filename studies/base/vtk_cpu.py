@@ -39,17 +39,19 @@ class VtkCpu(Peer):
         VTK's number of threads.
     maximum
         Whether it projects the largest sample of a ray, its maximum intensity projection.
+    lit
+        Whether by VTK's headlight.
     """
 
-    def __init__(self, scene: Scene, scale: int, threads: int, maximum: bool = False):
-        super().__init__(Painter, scene, scale, threads, maximum, hint=HINT)
+    def __init__(self, scene: Scene, scale: int, threads: int, maximum: bool = False, lit: bool = False):
+        super().__init__(Painter, scene, scale, threads, maximum, lit, hint=HINT)
 
 
 class VtkGpu(Peer):
     """A scene in VTK's ray caster for GPUs, ``vtkGPUVolumeRayCastMapper``, through OpenGL; used with ``with``."""
 
     def __init__(self, scene: Scene):
-        super().__init__(Painter, scene, 1, None, False, hint=HINT)
+        super().__init__(Painter, scene, 1, None, False, False, hint=HINT)
 
     def renderer(self) -> str:
         """What draws, as OpenGL says: a processor can, too."""
@@ -59,11 +61,11 @@ class VtkGpu(Peer):
 class Painter:
     """Renders a scene in a window and reads it back."""
 
-    def __init__(self, scene: Scene, scale: int, threads: int | None, maximum: bool):
+    def __init__(self, scene: Scene, scale: int, threads: int | None, maximum: bool, lit: bool):
         # Without a display VTK looks for X first, and may end the process.
         if sys.platform == "linux" and not os.environ.get("DISPLAY"):
             os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-        self.window, self.mapper = _window(scene, scale, threads)
+        self.window, self.mapper = _window(scene, scale, threads, lit)
         if maximum:
             self.mapper.SetBlendModeToMaximumIntensity()
         self.size, self.spacing = scene.size, scene.volume.smallest_spacing
@@ -103,8 +105,8 @@ def _set_camera(renderer: Any, given: wvr.Camera) -> None:
     renderer.ResetCameraClippingRange()
 
 
-def _window(scene: Scene, scale: int, threads: int | None) -> tuple[Any, Any]:
-    """A render window with the scene, unshaded before a transparent black background, and its mapper."""
+def _window(scene: Scene, scale: int, threads: int | None, lit: bool) -> tuple[Any, Any]:
+    """A render window with the scene before a transparent black background, and its mapper."""
     import pyvista as pv
     import vtkmodules.vtkRenderingOpenGL2
     import vtkmodules.vtkRenderingVolumeOpenGL2  # noqa: F401, the OpenGL parts register themselves
@@ -136,7 +138,7 @@ def _window(scene: Scene, scale: int, threads: int | None) -> tuple[Any, Any]:
     prop.SetScalarOpacity(opacity)
     prop.SetScalarOpacityUnitDistance(unit)
     prop.SetInterpolationTypeToLinear()
-    prop.ShadeOff()
+    prop.SetShade(lit)
 
     mapper = vtkGPUVolumeRayCastMapper() if threads is None else vtkFixedPointVolumeRayCastMapper()
     mapper.SetInputData(grid)
