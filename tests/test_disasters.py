@@ -9,6 +9,7 @@ import signal
 import subprocess
 import time
 from pathlib import Path
+from tempfile import mkdtemp
 
 import numpy as np
 import pytest
@@ -97,17 +98,18 @@ def in_child(work) -> int:
     os._exit(0 if code == 3 else code)
 
 
-def test_killed_while_it_writes(tmp_path, saving):
+def test_killed_while_it_writes(tmp_path, tmp_path_factory, saving):
     """At any time; the next that writes takes away what was left."""
     name, save = saving
     path = tmp_path / name
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
     save(path, False)
     for pause in (0.0, 0.003, 0.01, 0.02, 0.04):
 
         def work():
             while True:
                 if path.is_dir():
-                    shutil.rmtree(path)  # folders are not written over
+                    path.rename(mkdtemp(dir=elsewhere))  # folders are not written over
                 save(path, True)
 
         child = in_child(work)
