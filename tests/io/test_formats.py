@@ -112,6 +112,14 @@ def test_tiff_values_are_those_of_imagej(tmp_path):
     with pytest.raises(ValueError, match=r"a\.tif: its ImageJ calibration is no straight line"):
         read(tmp_path / "a.tif")
 
+    # Of 32 bits it has none, and some are clipped.
+    tifffile.imwrite(tmp_path / "a.tif", array.astype(np.float32), imagej=True, metadata=metadata | {"spacing": -2.0})
+    volume = read(tmp_path / "a.tif")
+    np.testing.assert_array_equal(volume.numpy(), array)
+    np.testing.assert_array_equal(volume.index_to_world, np.diag([1, 1, 2, 1]))
+    tifffile.imwrite(tmp_path / "a.tif", stored, imagej=True, metadata=metadata | {"zeroclip": "true"})
+    np.testing.assert_array_equal(read(tmp_path / "a.tif").numpy(), np.maximum(array, 0))
+
 
 def test_tiff_in_which_0_is_white_is_the_same_however_packed(tmp_path):
     """What unpacks LZW turned samples round."""

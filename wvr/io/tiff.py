@@ -44,7 +44,8 @@ def stack(path: Path) -> tuple[NDArray, list[float]]:
         strips = [strip for page in pages for strip in zip(page.dataoffsets, page.databytecounts, strict=True)]
         if max(ends + [offset + count for offset, count in strips]) > size or not all(count for _, count in strips):
             raise Flaw("some of its samples are missing")
-        series, spacing, calibration = file.series, _spacing(path, file), _calibration(file)
+        series, spacing = file.series, _spacing(path, file)
+        head = (file.imagej_metadata or {}) if file.is_imagej else {}
         axes, shape, dtype = series[0].axes, series[0].shape, series[0].dtype
         # As many samples as there may be in so many bytes, before any memory is taken for them.
         packing = "raw" if all(page.compression == 1 for page in pages) else "image"
@@ -63,7 +64,7 @@ def stack(path: Path) -> tuple[NDArray, list[float]]:
         if len(shape) == 4 and axes[:2] not in ("TZ", "ZT"):
             raise components_error(f"{path} (axes {axes}, shape {shape})", int(np.prod(extra)))
     with corrupt(path), _raising_log("tifffile"):
-        array = rescaled(_samples_of(path, dtype, pages).reshape(shape), *calibration)
+        array = _calibrated(_samples_of(path, dtype, pages).reshape(shape), head)
     if len(shape) == 4 and len(lead) == 2:
         return (array if axes[0] == "T" else array.swapaxes(0, 1)), spacing
     return array.reshape(-1, *shape[-2:]), spacing
@@ -115,22 +116,22 @@ def _spacing(path: Path, file: Any) -> list[float]:
         return [1.0, 1.0, 1.0]
     head, tags = file.imagej_metadata, file.pages[0].tags
     per_unit = [tags[name].value if name in tags else (1, 1) for name in ("XResolution", "YResolution")]
-    lengths = [d / n if n else 1.0 for n, d in per_unit] + [float(head.get("spacing", 1.0))]
+    lengths = [d / n if n else 1.0 for n, d in per_unit] + [abs(float(head.get("spacing", 1.0)))]
     if "spacing" not in head and lengths[:2] != [1.0, 1.0] and len(file.pages) > 1:
         guess(path, "how far slices are apart, only how wide pixels are")
     unit = str(head.get("unit", ""))
     return in_first_unit(lengths, [unit, str(head.get("yunit", unit)), str(head.get("zunit", unit))])
 
 
-def _calibration(file: Any) -> tuple[float, float]:
-    """Slope and intercept by which ImageJ makes values of samples, as of those of 16 bits with a sign."""
-    head = (file.imagej_metadata or {}) if file.is_imagej else {}
+def _calibrated(array: NDArray, head: dict[str, Any]) -> NDArray:
+    """Values as ImageJ makes them of samples, such as those of 16 bits with a sign; of 32 bits they are the same."""
     function = head.get("cf", NOT_CALIBRATED)
-    if function == NOT_CALIBRATED:
-        return 1.0, 0.0
+    if function == NOT_CALIBRATED or array.dtype.itemsize > 2:
+        return array
     if function != STRAIGHT or not all(isinstance(head.get(name), int | float) for name in ("c0", "c1")):
         raise Unsupported(f"its ImageJ calibration is no straight line (cf={function}): take it away in ImageJ first")
-    return float(head["c1"]), float(head["c0"])
+    values = rescaled(array, float(head["c1"]), float(head["c0"]))
+    return np.maximum(values, 0) if head.get("zeroclip") else values
 
 
 @contextmanager
