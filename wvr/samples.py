@@ -57,14 +57,24 @@ def rescaled(array: NDArray, slope: float, intercept: float) -> NDArray:
     them apart, float64."""
     if (slope, intercept) == (1, 0):
         return array
-    ends = [int(array.min()), int(array.max())] if array.dtype.kind in "iu" else []
+    ends = [int(array.min()), int(array.max())] if array.dtype.kind in "iu" and array.size else []
     if ends and float(slope).is_integer() and float(intercept).is_integer():
         lo, hi = sorted(int(slope) * end + int(intercept) for end in ends)
-        if lo < -(2**63) or hi >= 2**63:
-            raise Unsupported(f"samples from {lo} to {hi} fit no accepted dtype exactly; scale them first")
-        # On the way numbers may wrap, and back.
-        return (array.astype(np.int64).view(np.uint64) * np.uint64(int(slope) % 2**64)).view(np.int64) + int(intercept)
+        if max(-lo, hi) <= EXACT:
+            # On the way numbers may wrap, and back.
+            product = array.astype(np.int64).view(np.uint64) * np.uint64(int(slope) % 2**64)
+            return (product + np.uint64(int(intercept) % 2**64)).view(np.int64)
+        check_apart(lo, hi, slope)
     return in_dtype(array * np.float64(slope) + intercept, scaled_dtype(array.dtype, slope, intercept, ends))
+
+
+def check_apart(low: int, high: int, step: float) -> None:
+    """Refuses whole numbers that far apart which float64 does not hold, to 1/128 of that."""
+    if max(-low, high) > EXACT * max(1.0, abs(step) / 128):
+        raise Unsupported(
+            f"samples from {low} to {high} are beyond 2**53, which float64 does not hold: subtract what they have in "
+            f"common first"
+        )
 
 
 def in_dtype(values: NDArray, dtype: np.dtype, gone: NDArray[np.bool_] | None = None) -> NDArray:

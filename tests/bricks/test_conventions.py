@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import wvr
-from wvr.io.conventions import meaning_of
+from wvr.io.conventions import PLAIN, meaning_of
 
 h5py = pytest.importorskip("h5py")
 nibabel = pytest.importorskip("nibabel")
@@ -71,7 +71,7 @@ def test_what_is_out_of_the_valid_range_or_was_never_written_is_missing():
     data = np.array([-32767, 0, 10, 20, 30], np.int16)
     for attributes, expected in (
         ({"valid_range": np.int16([10, 20])}, [np.nan, np.nan, 10, 20, np.nan]),
-        ({"valid_min": np.int16(0), "scale_factor": 0.5}, [np.nan, 0, 5, 10, 15]),
+        ({"valid_min": np.int16(0), "valid_max": np.int16(20), "scale_factor": 0.5}, [np.nan, 0, 5, 10, np.nan]),
         ({"valid_max": 5.0, "valid_min": 0.0, "scale_factor": 0.5}, [np.nan, 0, 5, np.nan, np.nan]),
         ({}, [np.nan, 0, 10, 20, 30]),
     ):
@@ -86,6 +86,41 @@ def test_what_is_out_of_the_valid_range_or_was_never_written_is_missing():
     # A fill that no double holds is none of the samples.
     wide = meaning_of({"_FillValue": np.int64(2 - 2**63)}, np.dtype("i8"))
     np.testing.assert_array_equal(wide.values(np.array([2 - 2**63, 7])), [np.nan, 7])
+
+
+def test_signs_and_limits_are_those_of_the_samples_dtype():
+    """What no sample is was wrapped to one that is: 25 of -999, 44 of 300."""
+    bytes_ = np.arange(-128, 128).astype(np.int8)
+    unsigned = bytes_.view(np.uint8).astype(float)
+    for said in ("true", b"TRUE", np.array(["true"], object)):  # texts of netCDF have an array around them
+        for more in ({"missing_value": [-999, 300]}, {"valid_range": [0, 300]}):
+            np.testing.assert_array_equal(
+                meaning_of({"_Unsigned": said, **more}, bytes_.dtype).values(bytes_), unsigned
+            )
+    # As the guide of netCDF has bytes without a sign.
+    plain = meaning_of({"valid_range": np.int16([0, 255]), "_FillValue": np.int8(-1)}, bytes_.dtype)
+    np.testing.assert_array_equal(plain.values(bytes_), np.where(unsigned == 255, np.nan, unsigned))
+    for attributes in ({"valid_min": 0}, {"valid_range": [-5, 200]}):
+        low = max(attributes.get("valid_min", -5), -5)
+        expected = np.where(bytes_ < low, np.nan, bytes_)
+        np.testing.assert_array_equal(meaning_of(attributes, bytes_.dtype).values(bytes_), expected)
+    for name, end in (("valid_min", 1000), ("valid_max", -1)):
+        assert np.isnan(meaning_of({name: end}, np.dtype("u1")).values(bytes_.view(np.uint8))).all()
+    # Of single precision: 1000 * 0.1 is beyond 100.
+    near = meaning_of({"scale_factor": np.float32(0.1), "valid_max": np.float32(100)}, np.dtype("i2"))
+    np.testing.assert_allclose(near.values(np.int16([-5, 1000, 1001])), [-0.5, 100, np.nan])
+
+
+def test_slopes_that_are_none_are_refused(tmp_path):
+    """Of each band another was left out, and imaginary parts were by a slope."""
+    with pytest.raises(ValueError, match=r"its scale_factor must be a finite number, got \[0.1, 0.2\]"):
+        meaning_of({"scale_factor": [0.1, 0.2]}, np.dtype("i2"))
+    assert meaning_of({"_FillValue": [[1], [2, 3]], "scale_factor": "none"}, np.dtype("i2")) == PLAIN
+    image = nibabel.Nifti1Image(np.ones(SHAPE, np.complex64), np.eye(4))
+    image.header.set_slope_inter(2, 0)
+    nibabel.save(image, tmp_path / "a.nii")
+    with pytest.raises(TypeError, match="has dtype complex64"):
+        wvr.open(tmp_path / "a.nii")
 
 
 def test_axes_of_files_are_those_of_their_names_and_coordinates(tmp_path):
@@ -131,7 +166,8 @@ def test_zarr_of_xarray_means_what_xarray_says(tmp_path, version):
 
 
 @pytest.mark.parametrize(
-    ("slope", "intercept"), [(3.0, 2.0**24), (2.0**20 + 1, 0.0), (0.5, 1e8), (0.5, 10.0), (2.0, -1024.0)]
+    ("slope", "intercept"),
+    [(3.0, 2.0**24), (2.0**20 + 1, 0.0), (0.5, 1e8), (0.5, 10.0), (2.0, -1024.0), (2.0**60, 1.0)],
 )
 def test_slopes_leave_samples_apart(tmp_path, slope, intercept):
     """Beyond 2**24 single precision has none of the steps between samples."""
@@ -145,10 +181,12 @@ def test_slopes_leave_samples_apart(tmp_path, slope, intercept):
     if slope == 3.0:
         data = np.array([[[2**31 - 1]]], np.int32)
         image = nibabel.Nifti1Image(data, np.eye(4))
-        image.header.set_slope_inter(2.0**23, 0)
+        image.header.set_slope_inter(3, 2.0**60)
         nibabel.save(image, tmp_path / "b.nii")
         with pytest.raises(OSError, match="beyond 2\\*\\*53, which float64 does not hold"):
             wvr.open(tmp_path / "b.nii").loaded()
+        with pytest.raises(ValueError, match="beyond 2\\*\\*53, which float64 does not hold"):
+            wvr.read(tmp_path / "b.nii")
 
 
 @pytest.mark.parametrize("kind", ["affine", "path"])
