@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .copied import Copied, has_memory
 from .field.base import Field
-from .io.coordinates import AXIS_OF, UNEVEN, steps_of
+from .io.conventions import PLAIN, Meaning, meaning_of, meaning_of_zarr
+from .io.coordinates import AXIS_OF, UNEVEN, Axis, places
 from .launch import get_device
 from .samples import NanPolicy, narrowed
 from .validation import any_array, choice, computed, outside, path_of
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 # Attributes of arrays of xarray that have them as they are stored.
-PACKED = {"_FillValue", "missing_value", "scale_factor", "add_offset"}
+PACKED = {"_FillValue", "missing_value", "scale_factor", "add_offset", "_Unsigned"}
 # What to do about coordinates that are not.
 ADVICE = (
     "resample the data, e.g. da.interp({name}=numpy.linspace({ends})), or leave the coordinates out: "
@@ -143,20 +144,31 @@ def _from_array(
     data: Any, spacing: ArrayLike | None, origin: ArrayLike | None, given_axes: Axes | None, nan: NanPolicy | None
 ) -> Volume:
     axes: Axes = given_axes or "zyx"
-    given = _samples(data)
+    meaning, given = _meaning(data), _samples(data)
+    given = given if meaning == PLAIN else meaning.all_values(given)
     array = _three_axes(given)
     if isinstance(array, np.ndarray) and array.ndim == 3 and given_axes is None:
         _doubt(array)
     place = {"spacing": (1.0, 1.0, 1.0) if spacing is None else spacing}
     place["origin"] = (0.0, 0.0, 0.0) if origin is None else origin
     # Dask says of its arrays alone whether they may be.
-    masked = np.ma.is_masked(data) or isinstance(getattr(data, "_meta", None), np.ma.MaskedArray)
+    masked = meaning.sparse or np.ma.is_masked(data) or isinstance(getattr(data, "_meta", None), np.ma.MaskedArray)
     policy: NanPolicy = nan or ("transparent" if masked else "error")
     volume = Volume(array, **place, nan=policy, axes=axes)
     shared = data if isinstance(data, np.ndarray) else given
     if not isinstance(given, np.ndarray) or (has_memory(data) and np.may_share_memory(volume.host(), shared)):
         return volume
     return volume.copied(Copied.of(data, _samples, lambda now: _kept(_three_axes(_samples(now)), axes)))
+
+
+def _meaning(data: Any) -> Meaning:
+    """Of arrays with attributes, as those of Zarr and HDF5 are."""
+    module = type(data).__module__.partition(".")[0]
+    if module == "zarr" and hasattr(data, "fill_value"):
+        return meaning_of_zarr(data)
+    if module == "h5py" and hasattr(data, "fillvalue"):
+        return meaning_of(data.attrs, data.dtype, data.fillvalue)
+    return PLAIN
 
 
 def _kept(array: NDArray, axes: Axes) -> NDArray:
@@ -246,29 +258,32 @@ def _from_xarray(data: xr.DataArray | xr.Dataset, name: str | None, nan: NanPoli
     known = {AXIS_OF.get(str(dim).lower()): dim for dim in array.dims}
     order = [known[axis] for axis in "zyx"] if set(known) == {"x", "y", "z"} else list(array.dims)
     array = array.transpose(*order)
-    steps = [step_of(array, dim) for dim in reversed(order)]
-    spacing = np.array([abs(step) for _, step in steps])
-    signs = np.sign([step for _, step in steps])
-    values = narrowed(np.asarray(array.values))
-    volume = Volume(values, spacing, [start for start, _ in steps], np.diag(signs), nan)
-    if np.may_share_memory(volume.host(), array.values):
+    steps, starts = places([axis_of(array, dim) for dim in reversed(order)], ADVICE)
+    # Once: Dask computes them, and what is packed is decoded, each time.
+    held = np.asarray(array.values)
+    volume = Volume(narrowed(held), np.abs(steps), starts, np.diag(np.sign(steps)), nan)
+    if np.may_share_memory(volume.host(), held):
         return volume
-    return volume.copied(Copied.of(array.values, np.asarray, lambda now: _kept(narrowed(now), "zyx")))
+    return volume.copied(Copied.of(held, np.asarray, lambda now: _kept(narrowed(now), "zyx")))
 
 
 def decoded(data: xr.DataArray) -> xr.DataArray:
     """With what stored numbers mean, by xarray itself, where it left that in the attributes."""
-    if not PACKED & data.attrs.keys():
+    if not any(PACKED & one.attrs.keys() for one in (data, *data.coords.values())):
         return data
     import xarray
 
-    held = data.to_dataset(name="samples", promote_attrs=False)
-    return xarray.decode_cf(held, decode_times=False, decode_coords=False)["samples"].rename(data.name)
+    # Of a name that none of its coordinates has.
+    name = "_".join(["samples", *map(str, data.coords), *map(str, data.dims)])
+    held = data.to_dataset(name=name, promote_attrs=False)
+    return xarray.decode_cf(held, decode_times=False, decode_coords=False)[name].rename(data.name)
 
 
-def step_of(array: xr.DataArray, dim: Any) -> tuple[float, float]:
-    """First coordinate and step along a dimension; 0 and 1 where it has no coordinates that are numbers."""
-    return steps_of(array.coords[dim].values if dim in array.coords else None, str(dim), ADVICE)
+def axis_of(array: xr.DataArray, dim: Any) -> Axis:
+    """What coordinates say of a dimension."""
+    if dim not in array.coords:
+        return Axis(str(dim))
+    return Axis(str(dim), array.coords[dim].values, str(array.coords[dim].attrs.get("units", "")))
 
 
 def _from_dataset(data: Any, scalars: str | None, nan: NanPolicy | None) -> Volume:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -147,6 +149,79 @@ def test_axes_of_files_are_those_of_their_names_and_coordinates(tmp_path):
     assert wvr.open(tmp_path / "b.nc", scalars="a", spacing=(1, 2, 3)).spacing.tolist() == [1, 2, 3]
 
 
+def test_coordinates_are_what_they_are_of(tmp_path):
+    """Kilometres were metres, and what single precision rounds uneven."""
+    data = RNG.random(SHAPE).astype(np.float32)
+    lon = (179.9 + 1e-3 * np.arange(6)).astype(np.float32)
+    assert np.ptp(np.diff(lon)) > 1e-5
+    places = {"z": np.arange(4) / 4, "y": 40.0 - np.arange(5), "x": lon}
+    netcdf(tmp_path / "a.nc", data, "zyx", places)
+    with h5py.File(tmp_path / "a.nc", "a") as file:
+        for name, unit in {"z": "km", "y": "m", "x": np.array(["metres"], object)}.items():
+            file[name].attrs["units"] = unit
+        del file["z"].attrs["NAME"]
+        file["z"].attrs["NAME"] = "z"  # a text of any length, as of other libraries
+    array = xr.DataArray(data, places, tuple("zyx"))
+    for name, unit in {"z": "km", "y": "m", "x": "metres"}.items():
+        array[name].attrs["units"] = unit
+    array.to_dataset(name="a").to_zarr(tmp_path / "a.zarr", consolidated=False)
+    (tmp_path / "b.h5").write_bytes((tmp_path / "a.nc").read_bytes())
+    stores = [wvr.open(tmp_path / "a.nc", scalars="a"), wvr.open(tmp_path / "a.zarr"), wvr.open(array)]
+    for volume in [*stores, wvr.read(tmp_path / "b.h5", "a"), wvr.as_volume(array)]:
+        np.testing.assert_allclose(volume.spacing, [1e-3, 1, 250], rtol=1e-2)
+        np.testing.assert_allclose(volume.origin, [lon[0], 40, 0])
+
+
+def test_coordinates_of_another_length_are_none_or_missing(tmp_path):
+    data = RNG.random(SHAPE).astype(np.float32)
+    for count, there in ((6, True), (3, False)):
+        with h5py.File(tmp_path / f"{count}.h5", "w") as file:
+            file["a"] = data
+            file["z"] = 7 - 2.0 * np.arange(count)  # longer, as of an axis without end
+            file["z"].make_scale("z")
+            file["a"].dims[0].attach_scale(file["z"])
+        if there:
+            assert wvr.read(tmp_path / f"{count}.h5", "a").index_to_world[2].tolist() == [0, 0, -2, 7]
+        else:
+            with pytest.raises(ValueError, match="coordinates 'z' must be equally spaced, 1 of 4 are missing"):
+                wvr.read(tmp_path / f"{count}.h5", "a")
+            # Which way they go is known.
+            volume = wvr.open(tmp_path / f"{count}.h5", scalars="a", spacing=(1, 1, 3))
+            assert volume.index_to_world[2].tolist() == [0, 0, 3, 0]
+    group = zarr.open_group(tmp_path / "a.zarr", mode="w", zarr_format=3)
+    group.create_array("a", shape=SHAPE, chunks=SHAPE, dtype="u1", dimension_names=["z", "y", "x"])[:] = 1
+    for name, count in {"z": 7, "y": 5}.items():
+        group.create_array(name, shape=(count,), chunks=(count,), dtype="f4")[:] = 10 - 2 * np.arange(count) ** 2
+    with pytest.raises(ValueError, match="coordinates 'y' must be equally spaced, got steps from -14 to -2"):
+        wvr.open(tmp_path / "a.zarr")
+    group["y"][:] = 10 - 2 * np.arange(5)
+    assert wvr.open(tmp_path / "a.zarr").index_to_world[:, [1, 2, 3]].tolist() == [
+        [0, 0, 0],
+        [-2, 0, 10],
+        [0, 1, 0],
+        [0, 0, 1],
+    ]
+    group["y"][:] = [10, 9, 7, 6, 0]
+    volume = wvr.open(tmp_path / "a.zarr", spacing=(1, 2, 3))
+    assert volume.index_to_world[:, [1, 2, 3]].tolist() == [[0, 0, 0], [-2, 0, 10], [0, 3, 0], [0, 0, 1]]
+
+
+def test_axes_of_hdf5_are_those_that_ilastik_and_labels_say(tmp_path):
+    """Spacing was of the axes as they are stored, wherever they went."""
+    data = RNG.random((4, 5, 6)).astype(np.float32)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["labels"], file["tags"] = data, data[..., None]
+        for n, name in enumerate("xzy"):
+            file["labels"].dims[n].label = name
+        file["tags"].attrs["axistags"] = json.dumps({"axes": [{"key": name} for name in "xzyc"]})
+        file["labels"].attrs["element_size_um"] = file["tags"].attrs["element_size_um"] = [3.0, 2.0, 1.0]
+    for name in ("labels", "tags"):
+        for volume in (wvr.open(tmp_path / "a.h5", scalars=name), wvr.read(tmp_path / "a.h5", name)):
+            assert volume.spacing.tolist() == [3, 1, 2]
+            there = read_all(volume) if hasattr(volume, "samples") else volume.numpy()
+            np.testing.assert_array_equal(there, data.transpose(1, 2, 0))
+
+
 @pytest.mark.parametrize("version", [2, 3])
 def test_zarr_of_xarray_means_what_xarray_says(tmp_path, version):
     data = RNG.integers(0, 9, SHAPE).astype(np.float64)
@@ -163,6 +238,49 @@ def test_zarr_of_xarray_means_what_xarray_says(tmp_path, version):
     array = zarr.create_array(tmp_path / "b", shape=SHAPE, chunks=SHAPE, dtype="u1", fill_value=0, zarr_format=version)
     array[:] = 0
     assert wvr.open(tmp_path / "b").dtype == np.uint8
+
+
+def test_images_have_no_samples_missing_but_as_they_say(tmp_path):
+    """Those of 0 were, where 0 fills chunks and xarray's names of axes are written beside."""
+    group = zarr.open_group(tmp_path / "a.zarr", mode="w", zarr_format=2)
+    group.create_array("0", shape=SHAPE, chunks=SHAPE, dtype="u1", fill_value=0)[:] = 1
+    group["0"].attrs["_ARRAY_DIMENSIONS"] = list("zyx")
+    axes = [{"name": name, "type": "space"} for name in "zyx"]
+    level = {"path": "0", "coordinateTransformations": [{"type": "scale", "scale": [3.0, 2.0, 1.0]}]}
+    group.attrs["multiscales"] = [{"version": "0.4", "axes": axes, "datasets": [level]}]
+    assert wvr.open(tmp_path / "a.zarr").dtype == np.uint8
+    level["coordinateTransformations"][0]["scale"] = [3.0]
+    group.attrs["multiscales"] = [{"version": "0.4", "axes": axes, "datasets": [level]}]
+    with pytest.raises(ValueError, match=r"has 3 axes and the scale \[3.0\]"):
+        wvr.open(tmp_path / "a.zarr")
+
+
+def test_arrays_of_libraries_mean_what_their_attributes_say(tmp_path):
+    """Of arrays that are not opened but passed; of xarray signs and packed coordinates were left as they are."""
+    data = RNG.integers(-9, 9, SHAPE).astype(np.int8)
+    attributes = {"scale_factor": 0.5, "_FillValue": -9}
+    expected = np.where(data == -9, np.nan, data * 0.5)
+    array = zarr.create_array(tmp_path / "a.zarr", data=data)
+    array.attrs.update(attributes)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["a"] = data
+        file["a"].attrs.update(attributes)
+        np.testing.assert_array_equal(wvr.as_volume(file["a"]).numpy(), expected)
+    np.testing.assert_array_equal(wvr.as_volume(array).numpy(), expected)
+    places = xr.DataArray(np.int16([0, 1, 2, 3]), dims="samples", attrs={"scale_factor": 0.25})
+    placed = xr.DataArray(data, {"samples": places}, ("samples", "y", "x"))
+    signs = xr.DataArray(data, dims=("z", "y", "x"), attrs={"_Unsigned": "true"})
+    for array, expected, step in ((placed, data, 0.25), (signs, data.view(np.uint8), 1.0)):
+        for volume in (wvr.as_volume(array), wvr.open(array)):
+            there = read_all(volume) if hasattr(volume, "samples") else volume.numpy()
+            np.testing.assert_array_equal(there, expected)
+            assert volume.spacing.tolist() == [1, 1, step]
+
+
+def test_netcdf_3_is_said_to_be(tmp_path):
+    (tmp_path / "a.nc").write_bytes(b"CDF\x01" + bytes(40))
+    with pytest.raises(ValueError, match="it is netCDF 3"):
+        wvr.open(tmp_path / "a.nc")
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..io.coordinates import spatial, steps_of
+from ..io.coordinates import Axis, places, spatial
 from ..samples import Unsupported
 from ..validation import near
 from .stored import ALONG, Samples, StoredVolume
@@ -99,11 +99,21 @@ def placed(volume: StoredVolume, steps: ArrayLike, origin: ArrayLike) -> StoredV
         raise ValueError(f"{volume.samples.name}: {error}") from None
 
 
-def placed_by(volume: StoredVolume, coordinate: Callable[[int], tuple[str, NDArray | None]]) -> StoredVolume:
-    """Where the names and coordinates of its axes say; what those cannot say is in ``unplaced``."""
+def placed_by(volume: StoredVolume, axis: Callable[[int], Axis]) -> StoredVolume:
+    """Where its axes, by their numbers, say; what those cannot say is in ``unplaced``."""
+    axes = [axis(number) for number in reversed(volume.samples.axes)]
     try:
-        found = [steps_of(at, name, ADVICE) for name, at in map(coordinate, reversed(volume.samples.axes))]
+        return placed(volume, *places(axes, ADVICE))
     except Unsupported as error:
-        volume.unplaced = f"{volume.samples.name}: {error}"
-        return volume
-    return placed(volume, [step for _, step in found], [start for start, _ in found])
+        # Where they start and which way they go is known of another spacing as well.
+        result = placed(volume, *np.transpose([_ends(one) for one in axes]))
+        result.unplaced = f"{volume.samples.name}: {error}"
+        return result
+
+
+def _ends(axis: Axis) -> tuple[float, float]:
+    """1 or -1, which way an axis goes, and where it starts."""
+    values = axis.numbers
+    if values is None or not np.all(np.isfinite(values[[0, -1]])):
+        return 1.0, 0.0
+    return (-1.0 if values[-1] < values[0] else 1.0), float(values[0])

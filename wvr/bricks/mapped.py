@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..files import regular
 from ..io.bytes import corrupt, layout_of, opened
 from ..io.conventions import Meaning, meaning_of
-from ..io.hdf5 import coordinate_of, data_of, names_of, names_of_axes, opened_hdf5, spacing_of
+from ..io.hdf5 import axis_of, data_of, names_of, names_of_axes, opened_hdf5, spacing_of
 from ..io.nifti import layout
 from ..io.npy import LONGEST, header_of
 from .arrays import named, of_array, placed, placed_by
@@ -40,7 +40,6 @@ class Hdf5:
             with corrupt(Path(path)):
                 self.shape, self.dtype, self.chunks = data.shape, data.dtype, data.chunks
                 self.meaning = meaning_of(data.attrs, data.dtype, data.fillvalue)
-                self.spacing = spacing_of(data)
                 self.names = names_of_axes(data)
         self._shut()
 
@@ -81,11 +80,14 @@ def hdf5_name(path: str, scalars: str | None) -> str:
 def hdf5(array: Hdf5, selection: dict) -> StoredVolume:
     name, mark = f"{array.path}:{array.name}", FileMark(array.path)
     volume = of_array(array, name, array.chunks, selection, array.names, meaning=array.meaning, marks=mark)
-    if array.spacing is not None:
-        return placed(volume, array.spacing, np.zeros(3))
-    with opened_hdf5(Path(array.path)) as file:
-        data = file[array.name]
-        return placed_by(volume, lambda axis: coordinate_of(Path(array.path), file, data, axis))
+    path = Path(array.path)
+    with opened_hdf5(path) as file:
+        data = data_of(path, file, array.name)
+        with corrupt(path):
+            spacing = spacing_of(data, volume.samples.axes)
+        if spacing is not None:
+            return placed(volume, spacing, np.zeros(3))
+        return placed_by(volume, lambda axis: axis_of(path, file, data, axis))
 
 
 class FileMark:

@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..io.bytes import needs
-from ..io.conventions import Meaning, meaning_of
+from ..io.conventions import XARRAY, meaning_of_zarr, text_of
+from ..io.coordinates import Axis
+from ..io.space import in_units_of_first
 from ..notices import announce
 from ..samples import NanPolicy
-from ..sources import decoded, step_of
+from ..sources import axis_of, decoded
 from ..validation import path_of
 from .arrays import named, of_array, placed, placed_by
 from .mapped import Hdf5, hdf5, hdf5_name, mapped, nifti
@@ -27,11 +29,6 @@ from .reading import active_client, checked_client
 from .stored import Marked, StoredVolume
 
 Place = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-# In meters, units of OME-Zarr in which axes of one image may be, each in its own.
-PREFIXES = {"": 0, "centi": -2, "deci": -1, "milli": -3, "micro": -6, "nano": -9, "pico": -12, "femto": -15, "kilo": 3}
-METERS = {f"{name}meter": 10.0**power for name, power in PREFIXES.items()} | {"angstrom": 1e-10, "inch": 0.0254}
-# Where xarray has names of dimensions.
-XARRAY = "_ARRAY_DIMENSIONS"
 HDF5 = (".h5", ".hdf5", ".hdf", ".nc", ".nc4")
 
 
@@ -256,7 +253,7 @@ def _node(node: Any, level: int | None, scalars: str | None, selection: dict, pa
         volume = _zarr_array(node, str(path or node.name), selection, names)
         if names is not None and None not in names:
             beside = _beside(node)
-            volume = placed_by(volume, lambda axis: (str(names[axis]), _coordinates(beside, str(names[axis]))))
+            volume = placed_by(volume, lambda axis: _axis(beside, str(names[axis]), node.shape[axis]))
         return volume, None if path is None else sidecar(path, selection=selection)
     attributes = node.attrs.asdict()
     pyramids = attributes.get("ome", attributes).get("multiscales")
@@ -268,11 +265,12 @@ def _node(node: Any, level: int | None, scalars: str | None, selection: dict, pa
     return volume, None if path is None else sidecar(path, chosen, selection)
 
 
-def _zarr_array(array: Any, name: str, selection: dict, names: Any = None) -> StoredVolume:
+def _zarr_array(array: Any, name: str, selection: dict, names: Any = None, filled: bool = True) -> StoredVolume:
     from .blosc import checked
 
     known = None if names is None or None in names else [str(one) for one in names]
-    volume = of_array(checked(array), name, array.chunks, selection, known, meaning=_meaning(array))
+    meaning = meaning_of_zarr(array, filled)
+    volume = of_array(checked(array), name, array.chunks, selection, known, meaning=meaning)
     root = getattr(array.store, "root", None)
     if root is None:
         return volume
@@ -282,14 +280,6 @@ def _zarr_array(array: Any, name: str, selection: dict, names: Any = None) -> St
     samples = volume.samples
     marks = _ZarrMarks(Path(root) / array.path, array.metadata, samples.axes, samples.fixed, array.chunks, array.shards)
     return volume.at(marks=marks)
-
-
-def _meaning(array: Any) -> Meaning:
-    """Of its samples, as xarray has it: in Zarr 2 what stands for none is what fills chunks that are not there."""
-    attributes = array.attrs.asdict()
-    if array.metadata.zarr_format == 2 and XARRAY in attributes and array.fill_value is not None:
-        attributes["_FillValue"] = np.asarray(array.fill_value).item()
-    return meaning_of(attributes, np.dtype(array.dtype))
 
 
 def _beside(array: Any) -> Any:
@@ -302,17 +292,22 @@ def _beside(array: Any) -> Any:
             return zarr.open_group(array.store, path=parent, mode="r")
         if (root := getattr(array.store, "root", None)) is not None:
             return zarr.open_group(str(Path(root).parent), mode="r")
+        if hasattr(array.store, "fs"):
+            # Of a URL.
+            parent = array.store.path.rpartition("/")[0]
+            return zarr.open_group(zarr.storage.FsspecStore(array.store.fs, read_only=True, path=parent), mode="r")
     return None
 
 
-def _coordinates(group: Any, name: str) -> NDArray | None:
-    """Of a dimension, by the array of its name beside it."""
+def _axis(group: Any, name: str, count: int) -> Axis:
+    """Of so many samples, by the array of its name beside it; of coordinates none is missing."""
     from .blosc import checked
 
     array = None if group is None else group.get(name)
-    if array is None or getattr(array, "ndim", 0) != 1 or np.dtype(array.dtype).kind not in "iuf":
-        return None
-    return _meaning(array).all_values(np.asarray(checked(array)[:]))
+    if array is None or getattr(array, "shape", None) != (count,) or np.dtype(array.dtype).kind not in "iuf":
+        return Axis(name)
+    values = meaning_of_zarr(array, filled=False).all_values(np.asarray(checked(array)[:]))
+    return Axis(name, values, text_of(array.attrs.asdict(), "units"))
 
 
 class _ZarrMarks:
@@ -405,7 +400,8 @@ def _pyramid(node: Any, pyramid: dict, level: int | None, selection: dict, path:
 
     def at(number: int) -> StoredVolume:
         entry = levels[number]
-        volume = _zarr_array(node[entry["path"]], f"{what}, level {number}", selection, names)
+        # Chunks of an image that are not there are as any others.
+        volume = _zarr_array(node[entry["path"]], f"{what}, level {number}", selection, names, filled=False)
         scale, translation = np.ones(len(names)), np.zeros(len(names))
         own = entry.get("coordinateTransformations", [])
         if not any(transformation["type"] == "scale" for transformation in own):
@@ -414,6 +410,8 @@ def _pyramid(node: Any, pyramid: dict, level: int | None, selection: dict, path:
             translation = (scale - 1) / 2
         for transformation in (*own, *common):
             kind = transformation["type"]
+            if kind in ("scale", "translation") and len(transformation.get(kind, names)) != len(names):
+                raise ValueError(f"{what} has {len(names)} axes and the {kind} {transformation[kind]}")
             if kind == "scale" and kind in transformation:
                 scale, translation = scale * transformation[kind], translation * transformation[kind]
             elif kind == "translation" and kind in transformation:
@@ -434,11 +432,10 @@ def _pyramid(node: Any, pyramid: dict, level: int | None, selection: dict, path:
 
 def _lengths(units: list[str | None], what: str) -> NDArray[np.float64]:
     """What lengths along x, y, z are times, so that all are in the unit of x."""
-    if all(unit in METERS for unit in units):
-        return np.array([METERS[str(unit)] / METERS[str(units[0])] for unit in units])
-    if len(set(units)) > 1:
+    factors = in_units_of_first(units)
+    if factors is None and len(set(units)) > 1:
         announce("%s has axes x, y, z in units %s, which are taken as one", what, units)
-    return np.ones(3)
+    return np.ones(3) if factors is None else factors
 
 
 # xarray.
@@ -458,9 +455,7 @@ def _xarray(data: Any, scalars: str | None, selection: dict) -> StoredVolume:
     chunks = getattr(data, "chunks", None)
     # What is not Dask's is sliced by xarray, which leaves it in its file.
     volume = of_array(inside if chunks else _Lazy(data), str(data.name or "DataArray"), chunks, rest, names)
-    order = [data.dims[axis] for axis in volume.samples.axes]
-    steps = [step_of(data, dim) for dim in reversed(order)]
-    return placed(volume, [step for _, step in steps], [start for start, _ in steps])
+    return placed_by(volume, lambda axis: axis_of(data, data.dims[axis]))
 
 
 class _Lazy:

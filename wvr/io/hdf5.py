@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Container, Iterator
-from contextlib import contextmanager
+from collections.abc import Container, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,16 @@ from numpy.typing import NDArray
 
 from ..samples import Grid, Unsupported
 from .bytes import Flaw, corrupt, empty, needs, opened
-from .conventions import meaning_of
-from .coordinates import spatial, steps_of
+from .conventions import meaning_of, text_of
+from .coordinates import Axis, places, spatial
 from .npy import pick
 
 # Spacing in micrometres, slowest axis first, as ilastik and Fiji write it.
 SPACING = "element_size_um"
+# Which axes are which, as ilastik writes it.
+TAGS = "axistags"
 # What netCDF calls a dimension without coordinates.
-NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable"
+NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
 # What to do about coordinates that are not equally spaced.
 ADVICE = "resample the data, or draw them as if they were: wvr.open(path, spacing=...)"
 # Filters that the library unpacks without a look at how much there is.
@@ -35,17 +38,12 @@ def read_hdf5(path: Path, name: str | None) -> Grid:
             array = empty(data.shape, data.dtype, path.stat().st_size, "image")
             data.read_direct(array)
             array = meaning_of(data.attrs, data.dtype, data.fillvalue).all_values(array)
-            spacing = spacing_of(data)
-        axes = spatial(names_of_axes(data) or [""] * array.ndim)
-        array = array.transpose([n for n in range(array.ndim) if n not in axes] + axes)
-        if spacing is not None:
-            return Grid(array, np.diag(spacing), np.zeros(3), "", (path,))
-        found = []
-        for axis in reversed(axes):
-            name, coordinates = coordinate_of(path, file, data, axis)
-            with corrupt(path):
-                found.append(steps_of(coordinates, name, ADVICE))
-    return Grid(array, np.diag([step for _, step in found]), np.array([start for start, _ in found]), "", (path,))
+            axes = spatial(names_of_axes(data) or [""] * array.ndim)
+            array = array.transpose([n for n in range(array.ndim) if n not in axes] + axes)
+            steps, origin = spacing_of(data, axes), np.zeros(3)
+            if steps is None:
+                steps, origin = places([axis_of(path, file, data, axis) for axis in reversed(axes)], ADVICE)
+    return Grid(array, np.diag(steps), origin, "", (path,))
 
 
 @contextmanager
@@ -55,7 +53,10 @@ def opened_hdf5(path: Path) -> Iterator[Any]:
         import h5py
 
     with opened(path) as file:
-        if file.read(8) != b"\x89HDF\r\n\x1a\n":
+        start = file.read(8)
+        if start[:3] == b"CDF":
+            raise Unsupported("it is netCDF 3, not 4: nccopy -k nc4, or wvr.open(xarray.open_dataset(path))")
+        if start != b"\x89HDF\r\n\x1a\n":
             raise Flaw("no HDF5 signature at its start")
     with corrupt(path):
         found = h5py.File(path, "r")
@@ -94,36 +95,44 @@ def data_of(path: Path, file: Any, name: str) -> Any:
         return data
 
 
-def spacing_of(data: Any) -> NDArray[np.float64] | None:
-    """Along x, y, z; None where it is not said."""
+def spacing_of(data: Any, axes: Sequence[int]) -> NDArray[np.float64] | None:
+    """Along x, y, z, of which axes are z, y, x; None where it is not said."""
     if SPACING not in data.attrs:
         return None
-    spacing = np.ravel(np.asarray(data.attrs[SPACING], np.float64))[::-1][:3]
-    if spacing.shape != (3,) or not np.all(spacing > 0) or not np.all(np.isfinite(spacing)):
-        raise Flaw(f"its {SPACING} must be three numbers > 0, got {spacing[::-1].tolist()}")
-    return spacing
+    spacing = np.ravel(np.asarray(data.attrs[SPACING], np.float64))
+    # Of all axes, or of these alone, as they are stored.
+    of = range(data.ndim) if len(spacing) == data.ndim else sorted(axes)
+    spacing = spacing[-len(of) :]
+    if len(spacing) != len(of) or not np.all(spacing > 0) or not np.all(np.isfinite(spacing)):
+        raise Flaw(f"its {SPACING} must be three numbers > 0, got {spacing.tolist()}")
+    return spacing[[of.index(axis) for axis in reversed(axes)]]
 
 
 def names_of_axes(data: Any) -> list[str] | None:
-    """By its dimension scales, as those of netCDF are, or labels; None where it has none."""
-    names = [
-        str(dim[0].name).rpartition("/")[2] if len(dim) else dim.label or f"axis{n}" for n, dim in enumerate(data.dims)
-    ]
-    said = any(len(dim) or dim.label for dim in data.dims) and len(set(names)) == len(names)
-    return names if said else None
+    """By its dimension scales, as those of netCDF are, or labels, or as ilastik says; None where it has none."""
+    names = [str(dim[0].name).rpartition("/")[2] if len(dim) else dim.label for dim in data.dims]
+    if any(names):
+        names = [name or f"axis{n}" for n, name in enumerate(names)]
+    else:
+        with suppress(ValueError, TypeError, KeyError):
+            names = [str(axis["key"]) for axis in json.loads(text_of(data.attrs, TAGS))["axes"]]
+    return names if len(set(names)) == len(names) == data.ndim else None
 
 
-def coordinate_of(path: Path, file: Any, data: Any, axis: int) -> tuple[str, NDArray | None]:
-    """Name of an axis, and its coordinates; None where it has none."""
+def axis_of(path: Path, file: Any, data: Any, number: int) -> Axis:
+    """An axis by its dimension scale, which netCDF writes as long as there is something of it."""
     with corrupt(path):
-        dim = data.dims[axis]
+        dim, count = data.dims[number], data.shape[number]
         scale = dim[0] if len(dim) else None
-        if scale is None or scale.shape != data.shape[axis : axis + 1] or scale.dtype.kind not in "iuf":
-            return dim.label, None
-        if NO_VARIABLE in bytes(scale.attrs.get("NAME", b"")):
-            return dim.label, None
+        if scale is None or scale.ndim != 1 or scale.dtype.kind not in "iuf":
+            return Axis(dim.label)
+        if NO_VARIABLE in text_of(scale.attrs, "NAME"):
+            return Axis(dim.label)
         held = data_of(path, file, scale.name)
-        return scale.name.rpartition("/")[2], meaning_of(held.attrs, held.dtype, held.fillvalue).all_values(held[()])
+        values = meaning_of(held.attrs, held.dtype, held.fillvalue).all_values(held[:count])
+        if len(values) < count:
+            values = np.append(values, np.full(count - len(values), np.nan))
+        return Axis(scale.name.rpartition("/")[2], values, text_of(held.attrs, "units"))
 
 
 def _check_held(data: Any) -> None:

@@ -226,8 +226,8 @@ def _reader(path: Path) -> Format:
         raise ValueError(f"{path} holds a {OTHER_GRIDS[path.suffix.lower()]}; {RESAMPLE}")
     raise ValueError(
         f"{path} has an unknown extension; accepted are {', '.join(READERS)}, DICOM under any name, and folders of "
-        f"TIFF, PNG, JPEG, BMP or DICOM slices; bare samples: wvr.read_raw (wvr render --shape --dtype); what PyVista "
-        f"reads: wvr.Volume.from_pyvista(pyvista.read(path))"
+        f"TIFF, PNG, JPEG, BMP or DICOM slices; bare samples: wvr.read_raw (wvr render --shape --dtype); netCDF 4 and "
+        f"zarr: wvr.open; what PyVista reads: wvr.Volume.from_pyvista(pyvista.read(path))"
     )
 
 

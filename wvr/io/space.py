@@ -11,6 +11,7 @@ from ..samples import Anatomy, Unsupported
 
 # In millimetres.
 UNITS = {
+    **dict.fromkeys(("fm", "femtometer", "femtometre"), 1e-12),
     **dict.fromkeys(("pm", "picometer", "picometre"), 1e-9),
     **dict.fromkeys(("å", "Å", "a", "angstrom", "ångström", "\\u00c5", "\\u00c5ngstrom"), 1e-7),
     **dict.fromkeys(("nm", "nanometer", "nanometre", "nanometers"), 1e-6),
@@ -18,8 +19,11 @@ UNITS = {
         ("µm", "μm", "um", "micron", "microns", "micrometer", "micrometre", "micrometers", "\\u00b5m", "\\u03bcm"), 1e-3
     ),
     **dict.fromkeys(("mm", "millimeter", "millimetre", "millimeters"), 1.0),
-    **dict.fromkeys(("cm", "centimeter", "centimetre"), 10.0),
-    **dict.fromkeys(("m", "meter", "metre", "meters"), 1e3),
+    **dict.fromkeys(("cm", "centimeter", "centimetre", "centimeters"), 10.0),
+    **dict.fromkeys(("dm", "decimeter", "decimetre"), 100.0),
+    **dict.fromkeys(("m", "meter", "metre", "meters", "metres"), 1e3),
+    **dict.fromkeys(("km", "kilometer", "kilometre", "kilometers", "kilometres"), 1e6),
+    "Mm": 1e9,  # of the sun; others are the same in lower case
     **dict.fromkeys(("in", "inch", "inches", '"'), 25.4),
 }
 
@@ -32,12 +36,26 @@ def in_first_unit(lengths: Sequence[float], units: Sequence[str]) -> list[float]
     Unsupported
         For different units of which one is none of length.
     """
-    names = [unit.strip().lower() for unit in units]
-    if len(set(names)) == 1:
+    if len({unit.strip().lower() for unit in units}) == 1:
         return list(lengths)
-    if unknown := [unit for unit, name in zip(units, names, strict=True) if name not in UNITS]:
-        raise Unsupported(f"its axes are in {', '.join(map(repr, units))}, and {unknown[0]!r} is no unit of length")
-    return [length * UNITS[name] / UNITS[names[0]] for length, name in zip(lengths, names, strict=True)]
+    factors = in_units_of_first(units)
+    if factors is None:
+        unknown = next(unit for unit in units if _millimetres(unit) is None)
+        raise Unsupported(f"its axes are in {', '.join(map(repr, units))}, and {unknown!r} is no unit of length")
+    return (np.asarray(lengths) * factors).tolist()
+
+
+def in_units_of_first(units: Sequence[str | None]) -> NDArray[np.float64] | None:
+    """What lengths along the axes, each in a unit of its own, are times in the first; None where one is none of
+    length.
+    """
+    sizes = [size for unit in units if (size := _millimetres(unit)) is not None]
+    return np.array([size / sizes[0] for size in sizes]) if len(sizes) == len(units) else None
+
+
+def _millimetres(unit: str | None) -> float | None:
+    name = (unit or "").strip()
+    return UNITS.get(name, UNITS.get(name.lower()))
 
 
 def right_handed(space: str) -> tuple[NDArray[np.float64], Anatomy]:
