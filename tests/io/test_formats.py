@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import importlib.util
 import io
 import warnings
 import zipfile
@@ -119,6 +120,29 @@ def test_tiff_values_are_those_of_imagej(tmp_path):
     np.testing.assert_array_equal(volume.index_to_world, np.diag([1, 1, 2, 1]))
     tifffile.imwrite(tmp_path / "a.tif", stored, imagej=True, metadata=metadata | {"zeroclip": "true"})
     np.testing.assert_array_equal(read(tmp_path / "a.tif").numpy(), np.maximum(array, 0))
+
+
+@pytest.mark.parametrize("bits", [1, 2, 4])
+@pytest.mark.parametrize("packing", ["raw", "packbits", "tiff_lzw"])
+def test_tiff_of_less_than_a_byte_a_sample(tmp_path, bits, packing):
+    """They were refused as cut short, or spread over 8 bits."""
+    samples = np.arange(8 * 16, dtype=np.uint8).reshape(8, 16) * 7 % 2**bits
+    per = 8 // bits
+    held = sum(samples[:, n::per] << (bits * (per - 1 - n)) for n in range(per))
+    Image.fromarray(held.astype(np.uint8)).save(tmp_path / "a.tif", compression=packing)
+    with tifffile.TiffFile(tmp_path / "a.tif", mode="r+") as file:
+        file.pages[0].tags["ImageWidth"].overwrite(16)
+        file.pages[0].tags["BitsPerSample"].overwrite(bits)
+    np.testing.assert_array_equal(read(tmp_path / "a.tif").numpy()[0], samples)
+
+
+def test_tiff_that_nothing_here_reads_says_what_does(tmp_path):
+    if importlib.util.find_spec("imagecodecs"):
+        pytest.skip("it reads it")
+    image = Image.fromarray(np.ones((4, 5), np.int32))
+    image.save(tmp_path / "a.tif", compression="tiff_lzw", tiffinfo={262: 0})
+    with pytest.raises(ValueError, match=r"a\.tif: .* pip install imagecodecs"):
+        read(tmp_path / "a.tif")
 
 
 def test_tiff_in_which_0_is_white_is_the_same_however_packed(tmp_path):

@@ -50,7 +50,9 @@ def stack(path: Path) -> tuple[NDArray, list[float]]:
         # As many samples as there may be in so many bytes, before any memory is taken for them.
         packing = "raw" if all(page.compression == 1 for page in pages) else "image"
         for page in pages:
-            empty(page.shape, page.dtype, sum(page.databytecounts), packing)
+            # Of less than a byte each, such as masks have, there are more.
+            held = sum(page.databytecounts) * 8 * page.dtype.itemsize // page.bitspersample
+            empty(page.shape, page.dtype, held, packing)
         _check_strips(opened_file, pages)
         if 0 in shape:
             raise Flaw(f"its images have no samples: {shape}")
@@ -86,19 +88,27 @@ def _samples_of(path: Path, dtype: np.dtype, pages: Sequence[Any]) -> NDArray:
 
     try:
         return tifffile.imread(path)
-    except ValueError as error:
+    except (ValueError, NotImplementedError) as error:
         if "imagecodecs" not in str(error):
             raise
+        without = str(error)
     # LZW and other codecs that tifffile leaves to a package of its own are in Pillow.
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     slices = []
-    with Image.open(path) as image:
+    try:
+        opened_image = Image.open(path)
+    except UnidentifiedImageError:
+        raise Unsupported(f"{without}, and Pillow does not read it either: pip install imagecodecs") from None
+    with opened_image as image:
         for number, page in enumerate(pages):
             image.seek(number)
             # It turns bytes round where 0 is white, of which there is no more to be shown than of others.
             white = page.photometric == tifffile.PHOTOMETRIC.MINISWHITE and image.mode in ("1", "L")
-            slices.append(~np.array(image) if white else np.array(image))
+            samples = ~np.array(image) if white else np.array(image)
+            # Greys of 2 and 4 bits it spreads over 8.
+            spread = 255 // (2**page.bitspersample - 1) if image.mode == "L" and page.bitspersample < 8 else 1
+            slices.append(samples // spread if spread > 1 else samples)
     return np.stack(slices).astype(dtype)
 
 
