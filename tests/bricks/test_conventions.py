@@ -118,6 +118,9 @@ def test_slopes_that_are_none_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"its scale_factor must be a finite number, got \[0.1, 0.2\]"):
         meaning_of({"scale_factor": [0.1, 0.2]}, np.dtype("i2"))
     assert meaning_of({"_FillValue": [[1], [2, 3]], "scale_factor": "none"}, np.dtype("i2")) == PLAIN
+    zarr.create_array(tmp_path / "a.zarr", data=np.ones(SHAPE), attributes={"scale_factor": [0.1, 0.2]})
+    with pytest.raises(ValueError, match=r"a\.zarr: its scale_factor must be a finite number"):
+        wvr.open(tmp_path / "a.zarr")
     image = nibabel.Nifti1Image(np.ones(SHAPE, np.complex64), np.eye(4))
     image.header.set_slope_inter(2, 0)
     nibabel.save(image, tmp_path / "a.nii")

@@ -19,7 +19,7 @@ from ..io.conventions import XARRAY, meaning_of_zarr, text_of
 from ..io.coordinates import Axis
 from ..io.space import in_units_of_first
 from ..notices import announce
-from ..samples import NanPolicy
+from ..samples import NanPolicy, Unsupported
 from ..sources import axis_of, decoded
 from ..validation import path_of
 from .arrays import named, of_array, placed, placed_by
@@ -236,6 +236,8 @@ def _sound(name: str) -> Iterator[None]:
     """Turns what is raised for nonsense in a store's files into an ``OSError`` that names it."""
     try:
         yield
+    except Unsupported as error:
+        raise Unsupported(f"{name}: {error}") from None
     except Exception as error:
         if isinstance(error, (ImportError, MemoryError)) or (
             type(error) in (ValueError, TypeError) and name in str(error)
