@@ -177,16 +177,21 @@ def test_coordinates_are_what_they_are_of(tmp_path):
 
 def test_coordinates_of_another_length_are_none_or_missing(tmp_path):
     data = RNG.random(SHAPE).astype(np.float32)
-    for count, there in ((6, True), (3, False)):
+    for count, there in ((6, True), (3, False), (0, False)):
         with h5py.File(tmp_path / f"{count}.h5", "w") as file:
             file["a"] = data
-            file["z"] = 7 - 2.0 * np.arange(count)  # longer, as of an axis without end
+            if count:
+                file["z"] = 7 - 2.0 * np.arange(count)  # longer, as of an axis without end
+            else:
+                file.create_dataset("z", (4,), "f4", chunks=(2,))  # and never written
             file["z"].make_scale("z")
             file["a"].dims[0].attach_scale(file["z"])
         if there:
             assert wvr.read(tmp_path / f"{count}.h5", "a").index_to_world[2].tolist() == [0, 0, -2, 7]
         else:
-            with pytest.raises(ValueError, match="coordinates 'z' must be equally spaced, 1 of 4 are missing"):
+            with pytest.raises(
+                ValueError, match=f"coordinates 'z' must be equally spaced, {4 - count} of 4 are missing"
+            ):
                 wvr.read(tmp_path / f"{count}.h5", "a")
             # Which way they go is known.
             volume = wvr.open(tmp_path / f"{count}.h5", scalars="a", spacing=(1, 1, 3))

@@ -128,6 +128,9 @@ def axis_of(path: Path, file: Any, data: Any, number: int) -> Axis:
             return Axis(dim.label)
         if NO_VARIABLE in text_of(scale.attrs, "NAME"):
             return Axis(dim.label)
+        if not scale.id.get_storage_size():
+            # Never written.
+            return Axis(scale.name.rpartition("/")[2], np.full(count, np.nan))
         held = data_of(path, file, scale.name)
         values = meaning_of(held.attrs, held.dtype, held.fillvalue).all_values(held[:count])
         if len(values) < count:

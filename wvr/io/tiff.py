@@ -51,7 +51,7 @@ def stack(path: Path) -> tuple[NDArray, list[float]]:
         packing = "raw" if all(page.compression == 1 for page in pages) else "image"
         for page in pages:
             # Of less than a byte each, such as masks have, there are more.
-            held = sum(page.databytecounts) * 8 * page.dtype.itemsize // page.bitspersample
+            held = sum(page.databytecounts) * 8 * np.dtype(page.dtype).itemsize // page.bitspersample
             empty(page.shape, page.dtype, held, packing)
         _check_strips(opened_file, pages)
         if 0 in shape:
