@@ -118,7 +118,8 @@ def test_slopes_that_are_none_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"its scale_factor must be a finite number, got \[0.1, 0.2\]"):
         meaning_of({"scale_factor": [0.1, 0.2]}, np.dtype("i2"))
     assert meaning_of({"_FillValue": [[1], [2, 3]], "scale_factor": "none"}, np.dtype("i2")) == PLAIN
-    zarr.create_array(tmp_path / "a.zarr", data=np.ones(SHAPE), attributes={"scale_factor": [0.1, 0.2]})
+    array = zarr.create_array(tmp_path / "a.zarr", shape=SHAPE, chunks=SHAPE, dtype="i2")
+    array.attrs["scale_factor"] = [0.1, 0.2]
     with pytest.raises(ValueError, match=r"a\.zarr: its scale_factor must be a finite number"):
         wvr.open(tmp_path / "a.zarr")
     image = nibabel.Nifti1Image(np.ones(SHAPE, np.complex64), np.eye(4))
@@ -268,7 +269,8 @@ def test_arrays_of_libraries_mean_what_their_attributes_say(tmp_path):
     data = RNG.integers(-9, 9, SHAPE).astype(np.int8)
     attributes = {"scale_factor": 0.5, "_FillValue": -9}
     expected = np.where(data == -9, np.nan, data * 0.5)
-    array = zarr.create_array(tmp_path / "a.zarr", data=data)
+    array = zarr.create_array(tmp_path / "a.zarr", shape=SHAPE, chunks=SHAPE, dtype="i1")
+    array[:] = data
     array.attrs.update(attributes)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["a"] = data
