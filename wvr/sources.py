@@ -152,7 +152,7 @@ def _from_array(
     place = {"spacing": (1.0, 1.0, 1.0) if spacing is None else spacing}
     place["origin"] = (0.0, 0.0, 0.0) if origin is None else origin
     # Dask says of its arrays alone whether they may be.
-    masked = meaning.sparse or np.ma.is_masked(data) or isinstance(getattr(data, "_meta", None), np.ma.MaskedArray)
+    masked = np.ma.is_masked(data) or isinstance(getattr(data, "_meta", None), np.ma.MaskedArray)
     policy: NanPolicy = nan or ("transparent" if masked else "error")
     volume = Volume(array, **place, nan=policy, axes=axes)
     shared = data if isinstance(data, np.ndarray) else given

@@ -275,8 +275,10 @@ def test_arrays_of_libraries_mean_what_their_attributes_say(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["a"] = data
         file["a"].attrs.update(attributes)
-        np.testing.assert_array_equal(wvr.as_volume(file["a"]).numpy(), expected)
-    np.testing.assert_array_equal(wvr.as_volume(array).numpy(), expected)
+        np.testing.assert_array_equal(wvr.as_volume(file["a"], nan="transparent").numpy(), expected)
+    np.testing.assert_array_equal(wvr.as_volume(array, nan="transparent").numpy(), expected)
+    with pytest.raises(ValueError, match="NaN or infinite samples"):
+        wvr.as_volume(array)  # as of files
     places = xr.DataArray(np.int16([0, 1, 2, 3]), dims="samples", attrs={"scale_factor": 0.25})
     placed = xr.DataArray(data, {"samples": places}, ("samples", "y", "x"))
     signs = xr.DataArray(data, dims=("z", "y", "x"), attrs={"_Unsigned": "true"})
