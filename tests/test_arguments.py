@@ -215,3 +215,38 @@ def test_numbers_beyond_floats_are_named():
         wvr.render(np.arange(27, dtype=np.uint8).reshape(3, 3, 3), camera=(huge, 0, 0), size=(2, 2))
     with pytest.raises(ValueError, match="data must not be empty"):
         wvr.render("")
+
+
+def masked(numbers):
+    """With one of them masked."""
+    numbers = np.asarray(numbers)
+    return np.ma.array(numbers, mask=np.arange(numbers.size).reshape(numbers.shape) == 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "call"),
+    {
+        "scalars": lambda: wvr.TransferFunction.from_arrays(masked([0.0, 1, 2]), np.ones((3, 3)), [0, 0.1, 0.2]),
+        "rgb": lambda: wvr.TransferFunction.from_arrays([0, 1], [np.ones(3), masked(np.ones(3))], [0, 0.1]),
+        "opacity": lambda: wvr.TransferFunction.from_colormap("viridis", (0, 1), masked([0, 0.1, 0.2])),
+        "colour": lambda: wvr.TransferFunction([(0, masked([1.0, 1, 1]), 0), (1, "red", 1)]),
+        "s": lambda: TF.extinction(masked([1.0, 2])),
+        "position": lambda: wvr.Camera(masked([9.0, 9, 9]), (0, 0, 0)),
+        "camera": lambda: wvr.render(VOLUME, TF, masked([9.0, 9, 9]), (4, 4), **FAST),
+        "direction": lambda: wvr.Volume(VOLUME.numpy(), direction=masked(np.eye(3))),
+        "spacing": lambda: wvr.Volume(VOLUME.numpy(), masked([1.0, 1, 1])),
+        "lo": lambda: wvr.ClipBox(masked([1.0, 1, 1]), (9, 9, 9)),
+        "labels": lambda: wvr.Segmentation([masked(one) for one in np.ones((4, 4, 4), np.uint8)], {1: TF}),
+        "rgba": lambda: wvr.Image(masked(IMAGE.rgba), IMAGE.samples),
+        "error_bound": lambda: wvr.Image(IMAGE.rgba, IMAGE.samples, masked(np.zeros((4, 4)))),
+        "background": lambda: IMAGE.composited(masked(np.ones((4, 4, 3)))),
+        "reference": lambda: wvr.compare(IMAGE, masked(IMAGE.rgba)),
+        "values": lambda: wvr.Isosurface(masked([90.0, 140])),
+        "front": lambda: TABLE.lookup(masked([1.0, 2]), 3.0),
+        "images": lambda: wvr.save_movie([masked(np.ones((16, 16, 3), np.uint8))], "none.gif"),
+    }.items(),
+)
+def test_masked_numbers_are_none(name, call):
+    """What is under a mask was taken for what it hides, without a word."""
+    with pytest.raises((TypeError, ValueError), match=rf"{name}.* must .*(masked|--)"):
+        call()

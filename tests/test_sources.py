@@ -87,6 +87,13 @@ def test_masked_samples_are_transparent():
     assert as_volume(np.ma.array(SAMPLES)).dtype == np.int16
     with pytest.raises(TypeError, match=r"1 masked samples: wvr.as_volume"):
         wvr.Volume(masked)
+    # Of a list of slices, and of what xarray computes, NumPy knows no mask.
+    xr, da = pytest.importorskip("xarray"), pytest.importorskip("dask.array")
+    lazy = xr.DataArray(da.from_array(masked.astype(float), chunks=2), dims=("z", "y", "x"))
+    for same in (list(masked), lazy):
+        np.testing.assert_array_equal(as_volume(same).numpy(), volume.numpy())
+    with pytest.raises(TypeError, match=r"masked samples: wvr.as_volume"):
+        wvr.Volume(list(masked))
 
 
 def test_tensors_of_other_libraries():

@@ -331,8 +331,8 @@ def camera_of(
         return Camera(place.position, place.focal_point, place.viewup)
     else:
         try:
-            vectors = np.asarray(given, np.float64)
-        except (TypeError, ValueError, OverflowError):
+            vectors = float_array(given, "camera")
+        except TypeError:
             vectors = np.empty(0)
         if vectors.shape == (3, 3):
             return Camera(*vectors)

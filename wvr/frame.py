@@ -35,7 +35,7 @@ from .probe import Prober, make_prober, probe, tightest
 from .resident import Resident, buffer, fetched, settled, stays
 from .scene import Scene
 from .transfer.function import struct_of
-from .validation import float_array, outside
+from .validation import computed, float_array, outside
 
 # How far a ray may be from where it should be, in parts of the numbers that it is made of (docs/proof.md, lemma 3).
 ASTRAY = 2.0**-49
@@ -309,9 +309,9 @@ def ends_of(depth: Any, size: tuple[int, int]) -> NDArray[np.float64] | None:
     if depth is None:
         return None
     width, height = size
-    ends = float_array(depth, "depth")
-    if isinstance(depth, np.ma.MaskedArray):
-        ends = np.where(np.ma.getmaskarray(depth), np.inf, ends)
+    depth = computed(depth)
+    gone = np.ma.getmaskarray(depth) if isinstance(depth, np.ma.MaskedArray) else False
+    ends = np.where(gone, np.inf, float_array(np.ma.getdata(depth) if np.any(gone) else depth, "depth"))
     if ends.shape != (height, width):
         raise ValueError(
             f"depth must have the shape (height, width) = {(height, width)} of the image, got {ends.shape}"

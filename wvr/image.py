@@ -18,7 +18,7 @@ from .display import Shown, plot
 from .files import known_suffix, whole_file
 from .pictures import ELSEWHERE, FLOAT_WRITERS, PIXEL_WRITERS, check_sides, write_png
 from .resident import Resident
-from .validation import any_array, at_most, path_of, share
+from .validation import any_array, at_most, path_of, share, unmasked
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -97,6 +97,7 @@ class Image:
         for name, given in (("rgba", rgba), ("samples", samples), ("error_bound", error_bound)):
             if not isinstance(given, np.ndarray | Resident) and not (given is None and name == "error_bound"):
                 raise TypeError(f"{name} must be a NumPy array, got {type(given).__name__}")
+            unmasked(given, name)
         if isinstance(rgba, Resident):
             height, width = rgba.array.shape
         elif rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.dtype not in (np.float32, np.float64):

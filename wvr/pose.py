@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .cached import cached_property
-from .validation import finite_vector
+from .validation import finite_vector, float_array
 
 # Lengths in the world, and one over them, whose squares and products are numbers.
 FARTHEST = 1e100
@@ -81,8 +81,8 @@ def pose_of(
 
 def direction_of(matrix: ArrayLike) -> NDArray[np.float64]:
     try:
-        direction = np.array(matrix, np.float64)
-    except (TypeError, ValueError, OverflowError):
+        direction = float_array(matrix, "direction")
+    except TypeError:
         direction = np.empty(0)
     if direction.shape != (3, 3) or not np.all(np.isfinite(direction)):
         raise ValueError(f"direction must be a finite 3 x 3 matrix, got {matrix!r}")

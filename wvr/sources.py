@@ -144,6 +144,8 @@ def _from_array(
     data: Any, spacing: ArrayLike | None, origin: ArrayLike | None, given_axes: Axes | None, nan: NanPolicy | None
 ) -> Volume:
     axes: Axes = given_axes or "zyx"
+    if isinstance(data, list | tuple):
+        data = computed(data)
     meaning, given = _meaning(data), _samples(data)
     given = given if meaning == PLAIN else meaning.all_values(given)
     array = _three_axes(given)
@@ -216,7 +218,7 @@ def _samples(data: Any) -> Any:
             f"data must be one volume, got a {type(data).__name__} of {len(data)}: wvr.time_series renders one after "
             f"the other; in one scene there are not several yet"
         )
-    array = any_array(data, "data")
+    array = any_array(data, "data", masks=True)
     if array.dtype.kind not in "biufc":
         raise TypeError(
             f"data must be a Volume, a path, an array of numbers, an xarray or a PyVista dataset, got "
@@ -259,9 +261,10 @@ def _from_xarray(data: xr.DataArray | xr.Dataset, name: str | None, nan: NanPoli
     order = [known[axis] for axis in "zyx"] if set(known) == {"x", "y", "z"} else list(array.dims)
     array = array.transpose(*order)
     steps, starts = places([axis_of(array, dim) for dim in reversed(order)], ADVICE)
-    # Once: Dask computes them, and what is packed is decoded, each time.
-    held = np.asarray(array.values)
-    volume = Volume(narrowed(held), np.abs(steps), starts, np.diag(np.sign(steps)), nan)
+    # Once: Dask computes them, with what is masked, and what is packed is decoded, each time.
+    held = computed(array.data)
+    held = held if isinstance(held, np.ndarray) else np.asarray(array.values)
+    volume = Volume(narrowed(_samples(held)), np.abs(steps), starts, np.diag(np.sign(steps)), nan)
     if np.may_share_memory(volume.host(), held):
         return volume
     return volume.copied(Copied.of(held, np.asarray, lambda now: _kept(narrowed(now), "zyx")))

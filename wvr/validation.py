@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from difflib import get_close_matches
 from math import ceil, floor, log10
 from pathlib import Path
@@ -112,13 +113,28 @@ def path_of(value: Any, name: str = "path") -> Path:
 
 
 def computed(values: Any) -> Any:
-    """What Dask computes of its arrays, with a mask if they have one, of which ``np.asarray`` says nothing."""
+    """What Dask computes of its arrays, and one of a list of arrays of which some are masked: with the mask, of which
+    ``np.asarray`` says nothing.
+    """
+    if isinstance(values, list | tuple) and any(map(np.ma.is_masked, values)):
+        with suppress(ValueError):  # rows that differ in length
+            return np.ma.array(values)
     return values.compute() if type(values).__module__.startswith("dask.array") else values
 
 
-def any_array(values: Any, name: str) -> NDArray:
-    """What NumPy makes of ``values``, with what is masked; lists of lists of several lengths are none."""
+def unmasked(values: Any, name: str) -> Any:
+    """``values``, of which none is masked: what is under a mask is no number that anybody means."""
     values = computed(values)
+    if np.ma.is_masked(values):
+        raise TypeError(
+            f"{name} must have no masked numbers, got {np.ma.count_masked(values)}: {name}.filled(value) gives them one"
+        )
+    return values
+
+
+def any_array(values: Any, name: str, masks: bool = False) -> NDArray:
+    """What NumPy makes of ``values``, with what is masked or refused; lists of lists of several lengths are none."""
+    values = computed(values) if masks else unmasked(values, name)
     if np.ma.is_masked(values):
         return values
     try:
@@ -129,6 +145,7 @@ def any_array(values: Any, name: str) -> NDArray:
 
 def float_array(values: ArrayLike, name: str) -> NDArray[np.float64]:
     """A float64 copy of numbers, which are real and no text."""
+    values = unmasked(values, name)
     try:
         array = np.asarray(values)
         if array.dtype.kind not in "biufO":

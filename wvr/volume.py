@@ -430,7 +430,7 @@ def _from_device(array: Any) -> Any:
             return wp.array(array, copy=False)
         except Exception as error:
             raise TypeError(f"array of type {type(array).__name__} could not be shared with Warp: {error}") from error
-    return any_array(array, "array")
+    return any_array(array, "array", masks=True)
 
 
 def _host_view(array: Any) -> Any:

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..validation import choice, float_array
+from ..validation import choice, float_array, unmasked
 
 
 class Table:
@@ -40,6 +40,8 @@ class Table:
         back: NDArray[np.floating] | None = None,
         ambient: NDArray[np.floating] | None = None,
     ):
+        for name, entries in (("rgba", rgba), ("front", front), ("back", back), ("ambient", ambient)):
+            unmasked(entries, name)
         self.rgba, self.front, self.back, self.ambient = rgba, front, back, ambient
         self.domain = domain
         self.length = length
