@@ -16,7 +16,8 @@ import warp as wp
 
 import wvr
 from wvr.cached import cached_property
-from wvr.launch import Lock, _report, cancelling, get_device, in_turn, launch, launch_in_turn, reporting
+from wvr.cancel import Lock, cancelling
+from wvr.launch import _report, get_device, in_turn, launch, launch_in_turn, reporting
 
 TF = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.001)])
 SLOW = {"integrator": wvr.Riemann(0.001), "device": "cpu", "termination": 0}
@@ -184,6 +185,88 @@ except KeyboardInterrupt:
 """
     done = subprocess.run([*PYTHON, command], capture_output=True, text=True, timeout=60)
     assert done.stdout == "interrupted\n", done.stderr
+
+
+class CtrlC:
+    """Pressed at the n-th step of what this thread does in some files: before a line, and on the way in and out."""
+
+    def __init__(self, n, *files):
+        self.left, self.files = n, files
+
+    def __call__(self, frame, event, arg):
+        return self.step(frame, event, arg) if frame.f_code.co_filename.endswith(self.files) else None
+
+    def step(self, frame, event, arg):
+        self.left -= event != "exception"
+        if self.left == 0 and event != "exception":
+            sys.settrace(None)
+            raise KeyboardInterrupt
+        return self.step
+
+    def __enter__(self):
+        sys.settrace(self)
+
+    def __exit__(self, *exception):
+        sys.settrace(None)
+
+
+@pytest.mark.parametrize(("what", "every"), [("frame", 17), ("depth", 17), ("bricks", 3)])
+def test_ctrl_c_at_any_step_leaves_nothing_torn(what, every, threads):
+    """What is kept, and locked, is as good as new: the next frames are those of a new renderer."""
+    threads(1)
+    options = {"device": "cpu"} | ({"memory_limit": "1 MiB"} if what == "bricks" else {})
+    volumes = [wvr.Volume(wvr.datasets.load("blobs", 12).numpy()[::step].copy()) for step in (1, -1)]
+    clips = [wvr.ClipVolume(volume, 100) for volume in (*volumes, wvr.datasets.load("blobs", 12))]
+    camera = wvr.Camera.fit(volumes[0])
+
+    def seen(renderer, volume, clip):
+        renderer.volume, renderer.clip = volumes[volume], clips[clip]
+        image = renderer.render(camera, (3, 3))
+        return image.depth(1e-4) if what == "depth" else image.rgba
+
+    # Bricks stay with their volume.
+    scenes = [(0, 0), (int(what != "bricks"), 1), (0, 2)]
+    expected = {scene: seen(wvr.Renderer(volumes[0], TF, **options), *scene) for scene in scenes}
+    renderer = wvr.Renderer(volumes[0], TF, **options)
+    pressed, kept = 0, []
+    for n in range(1, 10**6, every):
+        seen(renderer, *scenes[0])
+        try:
+            with CtrlC(n, "keep.py", "cancel.py", "store.py", "contextlib.py"):
+                seen(renderer, *scenes[1])
+            break
+        except KeyboardInterrupt as error:
+            kept.append(error)  # as the interpreter does, with all that it came through
+            pressed += 1
+        for scene in (scenes[2], scenes[1]):
+            assert np.array_equal(seen(renderer, *scene), expected[scene], equal_nan=True), n
+    assert pressed > 10
+
+
+def test_ctrl_c_while_samples_are_copied_anew(monkeypatch):
+    """What changed is asked for again, until all that was made of other samples is forgotten; as after an error."""
+    source = np.zeros((6, 6, 6), ">f4")
+    volume = wvr.Volume(source)
+    renderer, camera = (
+        wvr.Renderer(volume, wvr.TransferFunction([(0, "red", 0), (1, "red", 0.9)])),
+        wvr.Camera.fit(volume),
+    )
+    assert renderer.render(camera, (3, 3)).rgba.max() == 0
+    copyto = np.copyto
+
+    def pressed(*arrays):
+        copyto(*arrays)
+        raise KeyboardInterrupt
+
+    source[...] = 1
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(np, "copyto", pressed)
+        renderer.render(camera, (3, 3))
+    assert renderer.render(camera, (3, 3)).rgba.max() > 0.9
+    source[0] = np.nan
+    for _ in range(2):
+        with pytest.raises(ValueError, match="NaN or infinite"):
+            renderer.render(camera, (3, 3))
 
 
 @pytest.mark.parametrize("how", ["launch", "in turn"])
@@ -396,10 +479,20 @@ def test_cancel_must_be_an_event(scene, call):
 
 
 def test_a_cancelled_frame_does_not_wait_for_the_one_before(scene):
-    event, lock = threading.Event(), Lock()
+    event, lock, taken, done = threading.Event(), Lock(), threading.Event(), threading.Event()
+
+    def other():
+        with lock.held():
+            taken.set()
+            done.wait(20)
+
+    threading.Thread(target=other).start()
+    assert taken.wait(20)
     threading.Timer(0.1, event.set).start()
-    with lock.held(), pytest.raises(wvr.Cancelled), cancelling(event), lock.held():
+    with pytest.raises(wvr.Cancelled), cancelling(event), lock.held():
         pass
+    assert not done.is_set()
+    done.set()
     with lock.held():
         pass
 

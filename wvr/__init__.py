@@ -11,6 +11,7 @@ from .bricks.open import build_ranges
 from .bricks.open import open as open
 from .bricks.stored import StoredVolume
 from .camera import Camera
+from .cancel import Cancelled
 from .compare import Comparison, compare
 from .cuts.labels import Segmentation
 from .cuts.shapes import ClipBox, ClipPlane, ClipSphere
@@ -29,7 +30,7 @@ from .integrators import (
     Simpson,
 )
 from .io import read, read_raw
-from .launch import Cancelled, get_num_threads, set_num_threads
+from .launch import get_num_threads, set_num_threads
 from .light.lighting import Lighting
 from .light.lights import DirectionalLight, Headlight
 from .light.shadows import ConvolutionShadows

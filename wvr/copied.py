@@ -31,7 +31,7 @@ class Copied:
             self._owner: Callable[[], Any] = ref(owner)
         except TypeError:
             self._owner = lambda: None
-        self._sums = () if self.gone else _checksums(read(owner))
+        self._sums = self._found = () if self.gone else _checksums(read(owner))
 
     @classmethod
     def of(cls, source: Any, read: Callable[[Any], Any], copy: Callable[[Any], Any]) -> Copied:
@@ -48,18 +48,19 @@ class Copied:
         return self._owner() is None
 
     def renewed(self) -> Any:
-        """Samples of what is there now; None where that is what it was when it was copied last, or is gone."""
+        """Samples of what is there now; None where that is what it was when it was ``taken`` last, or is gone."""
         owner = self._owner()
         array = None if owner is None else self._read(owner)
         if array is None:
             return None
-        sums = _checksums(array)
-        if sums == self._sums:
-            return None
-        fresh = self._copy(array)
-        # What could not be copied is asked again.
-        self._sums = sums
-        return fresh
+        self._found = _checksums(array)
+        return None if self._found == self._sums else self._copy(array)
+
+    def taken(self) -> None:
+        """Say that what was renewed is in place, and nothing is left that was made of other samples: what Ctrl-C ended
+        before that is asked again.
+        """
+        self._sums = self._found
 
 
 def has_memory(array: Any) -> bool:

@@ -257,8 +257,8 @@ class Frame:
             frame = Frame(scene, camera, size, keep, ends)
             halves = frame.halves(REALS[scene.integrator.precision(scene)], scene.integrator.half(scene))
             halves = replace(halves, traced=True)
-            struct, _ = frame.struct(halves)
-            keep.end_of_frame()
+            with keep.frame():
+                struct, _ = frame.struct(halves)
             steps = wp.zeros(int(samples[y, x]), dtype=Step, device=keep.device)
             struct.trace.steps = steps
             rgba = wp.empty(samples.shape, dtype=vec4_of(halves.real), device=keep.device)

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, ClassVar
 
 import warp as wp
 
-from .launch import Lock
+from .cancel import Cancelled, Lock
 
 # Bytes of parts that the last frame did not ask for.
 SPARE = 1 << 30
@@ -44,6 +46,11 @@ class Keeper:
         self.lock = Lock()
         self._beside: Keeper | None = None
         self.builds: Counter[str] = Counter()
+        self._torn = False  # a frame began and has not ended, or it did so anywhere
+        self._forget()
+
+    def _forget(self) -> None:
+        """Have nothing."""
         self._kept: dict[Part, Any] = {}  # those asked for last come last
         self._asked: dict[Part, Any] = {}
         self._building: list[Part] = []
@@ -111,6 +118,23 @@ class Keeper:
     def held(self, name: str) -> int:
         """Bytes of an array of ``scratch`` that is there."""
         return self._scratch[name].capacity if name in self._scratch else 0
+
+    @contextmanager
+    def frame(self) -> Iterator[None]:
+        """Within it parts are asked for. Where it ends anywhere, as Ctrl-C ends one, what is known of parts and arrays
+        may be half written down: the next one begins with nothing.
+        """
+        if self._torn:
+            self._forget()
+        self._torn = True
+        try:
+            yield
+        except Cancelled:
+            self.end_of_frame()
+            self._torn = False
+            raise
+        self.end_of_frame()
+        self._torn = False
 
     def end_of_frame(self) -> None:
         """Let go of what was not asked for: parts of the names that were, and others that there is no room for."""

@@ -14,16 +14,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache, partial
-from math import inf
 from queue import Empty, SimpleQueue
-from time import perf_counter
 from typing import Any, TypeVar
-from weakref import WeakSet
 
 import numpy as np
 import warp as wp
 
 from . import kernel_cache
+from .cancel import POLL, Lock, cancel, check_cancelled, open_locks, telling
 from .kernels.ray import TILE, tiles
 
 # More strips than threads, so that strips of uneven cost balance.
@@ -33,8 +31,6 @@ STRIPS_PER_THREAD = 16
 STRIPS_PER_STEP = 2
 # Threads at most, where there are fewer cores: more only cost memory.
 MOST_THREADS = 64
-# How often a waiting thread looks whether its frame is cancelled [s].
-POLL = 0.02
 
 T = TypeVar("T")
 _threads: int | None = None
@@ -97,31 +93,6 @@ def get_device(device: Any = None) -> wp.Device:
         raise ValueError(f"device must be one of {there}, got {device!r} ({error})") from None
 
 
-class Cancelled(Exception):  # noqa: N818 - no error, somebody asked for it
-    """A frame ended early since its ``cancel`` was set.
-
-    Not a RuntimeError: Warp raises those where a device fails, and who handles them must not take this for a failure.
-    """
-
-
-@contextmanager
-def cancelling(event: Any) -> Iterator[None]:
-    """Launches within end early, with :class:`Cancelled`, once the ``event`` is set; None never is.
-
-    Raises
-    ------
-    TypeError
-        For an event without a method ``is_set``.
-    """
-    if event is not None and not callable(getattr(event, "is_set", None)):
-        raise TypeError(f"cancel must be a threading.Event or None, got {event!r}")
-    token = _cancel.set(event)
-    try:
-        yield
-    finally:
-        _cancel.reset(token)
-
-
 @contextmanager
 def reporting(report: Callable[[float], object] | None) -> Iterator[None]:
     """While launches within work, their calling thread calls ``report`` with the share that is done of all there is
@@ -139,7 +110,7 @@ def reporting(report: Callable[[float], object] | None) -> Iterator[None]:
     token = _report.set(None if report is None else (report, 0.0, 1.0))
     try:
         yield
-        _check_cancelled()
+        check_cancelled()
         if report is not None:
             _tell(report, 1.0)
     finally:
@@ -148,11 +119,12 @@ def reporting(report: Callable[[float], object] | None) -> Iterator[None]:
 
 def _tell(report: Callable[[float], object], share: float) -> None:
     """What is launched within is not of what is told of."""
-    token = _report.set(None)
+    tokens = _report.set(None), telling.set(True)
     try:
         report(share)
     finally:
-        _report.reset(token)
+        _report.reset(tokens[0])
+        telling.reset(tokens[1])
 
 
 def in_turn(items: Sequence[T], weights: Sequence[float] | None = None) -> Iterator[T]:
@@ -208,7 +180,7 @@ def launch(
     """
     load(kernel, device.alias, deep=view is not None and scratch == 0)
     if device.is_cuda:
-        _check_cancelled()
+        check_cancelled()
         wp.launch(kernel, items, [first, *inputs], device=device)
         return
     threads = get_num_threads()
@@ -330,75 +302,16 @@ def launch_in_turn(
         tell()
 
     if device.is_cuda:
-        _check_cancelled()
+        check_cancelled()
         run()
     else:
         _work(run, threads, stop, joins=True)
 
 
-class Lock:
-    """A lock that a cancelled frame does not wait for, and that is open in a forked child whoever held it."""
-
-    def __init__(self) -> None:
-        self.open()
-        _locks.add(self)
-
-    def open(self) -> None:
-        self._lock, self._holder = threading.Lock(), 0
-
-    def __reduce__(self) -> tuple:
-        return Lock, ()  # a copy, or what is unpickled, has one of its own
-
-    @contextmanager
-    def held(self) -> Iterator[None]:
-        """Raises RuntimeError where the thread itself holds it and nobody can cancel: it would wait for ever."""
-        if self._holder == threading.get_ident() and _cancel.get() is None:
-            raise RuntimeError("a renderer is busy with a frame of this thread: progress= must not ask it for another")
-        taken = False
-        try:
-            while not taken:
-                taken = self._lock.acquire(timeout=POLL)
-                _check_cancelled()
-            self._holder = threading.get_ident()
-            yield
-        finally:
-            if taken:
-                self._holder = 0
-                self._lock.release()
-
-
-_cancel: ContextVar[Any] = ContextVar("wvr_cancel", default=None)
 # Whom to tell, and what shares the next launch begins and ends at.
 _report: ContextVar[tuple[Callable[[float], object], float, float] | None] = ContextVar("wvr_report", default=None)
-_locks: WeakSet[Lock] = WeakSet()
 _own = threading.local()
 _loading = Lock()
-
-
-def waited(future: Any, until: float | None = None) -> Any:
-    """The result of a future, of ``concurrent.futures`` or Dask; a cancelled frame does not wait for it.
-
-    Raises
-    ------
-    Cancelled
-        Where the event of :func:`cancelling` is set.
-    TimeoutError
-        As of the future, where it is not there after so many seconds.
-    """
-    end = inf if until is None else perf_counter() + until
-    if _cancel.get() is not None:
-        while not future.done() and perf_counter() < end:
-            _check_cancelled()
-            # That it is not there yet, or what is raised again below.
-            with suppress(Exception):
-                future.exception(min(POLL, end - perf_counter()))
-    return future.result(None if until is None else max(0.0, end - perf_counter()))
-
-
-def _check_cancelled() -> None:
-    event = _cancel.get()
-    if event is not None and event.is_set():
-        raise Cancelled("cancel was set")
 
 
 def _work(
@@ -414,7 +327,7 @@ def _work(
     The calling thread is one of them (``joins``) where strips are short; else it only waits, since Ctrl-C does not
     reach one that is inside a kernel.
     """
-    _check_cancelled()
+    check_cancelled()
     if joins and threads == 1:
         run()
         return
@@ -424,11 +337,11 @@ def _work(
     wake: SimpleQueue[None] = SimpleQueue()
     # Ctrl-C ends a wait at once; only an event has to be looked at.
     report = None if joins or done is None else _report.get()
-    timeout = 1.0 if _cancel.get() is None and report is None else POLL
+    timeout = 1.0 if cancel.get() is None and report is None else POLL
 
     def work() -> None:
-        entered.append(None)
         try:
+            entered.append(None)  # and is sure to leave
             run()
         except BaseException as error:
             errors.append(error)
@@ -449,7 +362,7 @@ def _work(
             work()
         while len(left) < threads:
             pause()
-            _check_cancelled()
+            check_cancelled()
             if report is not None and done is not None:
                 tell, low, high = report
                 share = low + (high - low) * done()
@@ -482,8 +395,7 @@ def _after_fork() -> None:
     """In the child of a fork there are no threads but the one that forked, and nobody to open a lock."""
     global _own
     _own = threading.local()
-    for lock in _locks:
-        lock.open()
+    open_locks()
 
 
 if hasattr(os, "register_at_fork"):

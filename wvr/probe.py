@@ -78,11 +78,8 @@ def make_prober(frame: Any, again: Callable[[Scene, Keeper, tuple[int, int] | No
         integrator = scene.integrator.reaching(opacity)
         sought = replace(frame.given, integrator=integrator, lighting=None, shadows=None, clips=clips)
         sought.check(frame.camera)
-        with keep.lock.held():
-            try:
-                values, depths, rgba = again(sought, keep, pixel)
-            finally:
-                keep.end_of_frame()
+        with keep.lock.held(), keep.frame():
+            values, depths, rgba = again(sought, keep, pixel)
         at: Any = slice(None) if pixel is None else (pixel[1], pixel[0])
         return values[at], depths[at], rgba[..., 3][at]
 

@@ -12,6 +12,7 @@ from .bricks.frame import BrickedFrame
 from .bricks.reading import Missing, Reading
 from .bricks.store import BrickStore
 from .camera import Camera, image_size
+from .cancel import Cancelled, Lock, cancelling
 from .colormaps import Opacity
 from .cuts.base import Clip, clip_list
 from .cuts.labels import Segmentation
@@ -22,7 +23,7 @@ from .image import BoundedImage, Image
 from .integrators import Bounding, Integrator, of_tolerance
 from .keep import Keeper
 from .keywords import MovieOptions, refuse
-from .launch import Lock, cancelling, get_device, reporting
+from .launch import get_device, reporting
 from .light.lighting import Lighting
 from .light.shadows import ConvolutionShadows
 from .scene import Precision, Scene
@@ -212,15 +213,18 @@ class Renderer:
         device = get_device(self.device)
         keep = self._keepers.setdefault(device.alias, Keeper(device))
         frame: Frame | BrickedFrame
-        try:
+        with keep.frame():
             if self._reading.limited or scene.volume.stored:
                 frame = BrickedFrame(scene, camera, size, keep, self._reading, ends)
-                image, self._bricks = frame.render(self._bricks)
+                bricks, self._bricks = self._bricks, None  # nor do those stay of a frame that ends anywhere
+                try:
+                    image, self._bricks = frame.render(bricks)
+                except Cancelled:
+                    self._bricks = bricks
+                    raise
             else:
                 frame = Frame(scene, camera, size, keep, ends)
                 image = frame.render()
-        finally:
-            keep.end_of_frame()
         # What there is to see in what was not read nobody knows.
         if not frame.partly:
             advise(scene, image)

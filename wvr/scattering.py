@@ -12,13 +12,14 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .camera import Camera, image_size
+from .cancel import cancelling
 from .frame import Frame
 from .image import Image
 from .integrators import Riemann
 from .keep import Keeper
 from .kernels.light.scattering import make_scattering
 from .kernels.precision import REALS, vec4_of
-from .launch import cancelling, get_device, launch_pixels
+from .launch import get_device, launch_pixels
 from .light.lighting import Lighting
 from .light.lights import Headlight, Light
 from .scene import Precision, Scene

@@ -256,6 +256,8 @@ class Volume(Posed, Field):
         for derived in ("has_nonfinite", "range", "_extremes", "_host_copy"):
             vars(self).pop(derived, None)
         self._check_finite()
+        if self._copied is not None:
+            self._copied.taken()
 
     def look(self) -> None:
         """Notice what was written into the samples since this was called last, or since the volume was made."""

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..launch import Cancelled, waited
+from ..cancel import Cancelled, waited
 from ..memory import give_back
 from ..samples import times_power
 from .brick import Brick, Halo

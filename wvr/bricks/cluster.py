@@ -20,9 +20,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cancel import waited
 from ..io.conventions import Meaning
 from ..keep import Keeper
-from ..launch import get_device, set_num_threads, waited
+from ..launch import get_device, set_num_threads
 from .brick import Caster
 from .finder import Finder, Findings
 from .grid import Bricks, Index, Rect

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from time import monotonic
 from typing import Generic, Protocol, TypeVar
 
-from ..launch import Cancelled
+from ..cancel import Cancelled
 
 State = TypeVar("State")
 Stage = TypeVar("Stage")

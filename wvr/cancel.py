@@ -1,0 +1,122 @@
+"""Frames that end early, and locks that nobody waits for then."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from math import inf
+from time import perf_counter
+from typing import Any
+from weakref import WeakSet
+
+# How often a waiting thread looks whether its frame is cancelled [s].
+POLL = 0.02
+
+cancel: ContextVar[Any] = ContextVar("wvr_cancel", default=None)
+# Whether a frame of this thread waits for what is told of it.
+telling: ContextVar[bool] = ContextVar("wvr_telling", default=False)
+
+
+class Cancelled(Exception):  # noqa: N818 - no error, somebody asked for it
+    """A frame ended early since its ``cancel`` was set.
+
+    Not a RuntimeError: Warp raises those where a device fails, and who handles them must not take this for a failure.
+    """
+
+
+@contextmanager
+def cancelling(event: Any) -> Iterator[None]:
+    """Launches within end early, with :class:`Cancelled`, once the ``event`` is set; None never is.
+
+    Raises
+    ------
+    TypeError
+        For an event without a method ``is_set``.
+    """
+    if event is not None and not callable(getattr(event, "is_set", None)):
+        raise TypeError(f"cancel must be a threading.Event or None, got {event!r}")
+    token = cancel.set(event)
+    try:
+        yield
+    finally:
+        cancel.reset(token)
+
+
+def waited(future: Any, until: float | None = None) -> Any:
+    """The result of a future, of ``concurrent.futures`` or Dask; a cancelled frame does not wait for it.
+
+    Raises
+    ------
+    Cancelled
+        Where the event of :func:`cancelling` is set.
+    TimeoutError
+        As of the future, where it is not there after so many seconds.
+    """
+    end = inf if until is None else perf_counter() + until
+    if cancel.get() is not None:
+        while not future.done() and perf_counter() < end:
+            check_cancelled()
+            # That it is not there yet, or what is raised again below.
+            with suppress(Exception):
+                future.exception(min(POLL, end - perf_counter()))
+    return future.result(None if until is None else max(0.0, end - perf_counter()))
+
+
+def check_cancelled() -> None:
+    event = cancel.get()
+    if event is not None and event.is_set():
+        raise Cancelled("cancel was set")
+
+
+class Lock:
+    """A lock that a cancelled frame does not wait for, that is open in a forked child whoever held it, and open to the
+    thread whose frame Ctrl-C ended on its way out.
+    """
+
+    def __init__(self) -> None:
+        self.open()
+        _locks.add(self)
+
+    def open(self) -> None:
+        self._lock = threading.RLock()
+        self._holder: list[int] = []  # which thread, for each time another list
+
+    def __reduce__(self) -> tuple:
+        return Lock, ()  # a copy, or what is unpickled, has one of its own
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Raises RuntimeError where the thread itself holds it: it would wait for ever."""
+        mine = [threading.get_ident()]
+        if self._holder == mine and telling.get():
+            raise RuntimeError("a renderer is busy with a frame of this thread: progress= must not ask it for another")
+        if not self._holder or self._holder == mine:
+            self._release()  # what Ctrl-C left
+        try:
+            while not self._lock.acquire(timeout=POLL):
+                check_cancelled()
+            self._holder = mine
+            check_cancelled()
+            yield
+        finally:
+            # Ctrl-C may come before it is written down who has it.
+            if not self._holder or self._holder is mine:
+                self._release()
+
+    def _release(self) -> None:
+        """Open it if the thread has it."""
+        if self._holder == [threading.get_ident()]:
+            self._holder = []
+        with suppress(RuntimeError):
+            self._lock.release()
+
+
+_locks: WeakSet[Lock] = WeakSet()
+
+
+def open_locks() -> None:
+    """In the child of a fork, where nobody else is to open any."""
+    for lock in _locks:
+        lock.open()
