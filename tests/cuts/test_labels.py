@@ -382,6 +382,14 @@ def test_any_array_of_labels(blobs):
     assert all(np.array_equal(image, images[0]) for image in images[1:]) and images[0].any()
 
 
+def test_labels_whose_axes_have_names(blobs):
+    """In any order, as those of volumes: a cube that was turned was taken as it came."""
+    xr = pytest.importorskip("xarray")
+    labels = layers(blobs.shape, np.array([1, 2, 3.0]), 90)
+    turned = xr.DataArray(labels, dims=("z", "y", "x")).transpose("x", "z", "y")
+    assert np.array_equal(wvr.Segmentation(turned, {1: RED}).labels.numpy(), labels)
+
+
 def test_a_scene_without_labels_again(blobs):
     """One transfer function with labels and without: what is kept for one is not taken for the other."""
     labels = layers(blobs.shape, np.array([1.0, 0, 0]), 15.5)

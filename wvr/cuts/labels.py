@@ -16,6 +16,7 @@ from ..copied import Copied
 from ..field.base import Field
 from ..field.blocks import Ranges, Seen, seen_of, spread
 from ..field.samples import Data, samples_struct
+from ..io.coordinates import spatial
 from ..keep import Keeper, Part
 from ..kernels.cuts.labels import MIXED, make_label_kinds, make_labels
 from ..kernels.field.blocks import Blocks
@@ -53,7 +54,8 @@ class Segmentation(Fixed):
     ----------
     labels
         (nz, ny, nx), whole numbers from 0 to 65535 of any integer dtype, or bool, the shape of the volume it is used
-        with: an array, or a Volume, whose samples count and whose place in the world does not.
+        with: an array, of xarray in any order of its dimensions x, y, z, or a Volume, whose samples count and whose
+        place in the world does not.
     transfer_functions
         By label. Labels that no sample has are allowed.
     other
@@ -173,6 +175,9 @@ def _labels(given: Any) -> Volume:
     """A volume of unsigned labels; what is written into an array of another dtype is seen later on."""
     if isinstance(given, Volume) and given.dtype.name in DTYPES:
         return given
+    if hasattr(given, "dims") and getattr(given, "ndim", 0) == 3:
+        # Of xarray, by the names of its axes, as volumes are.
+        given = given.transpose(*(given.dims[axis] for axis in spatial([str(dim) for dim in given.dims])))
     array = given.numpy() if hasattr(given, "numpy") else any_array(given, "labels")
     labels = Volume(_unsigned(array))
     shared = array.dtype.newbyteorder("=").name in DTYPES
