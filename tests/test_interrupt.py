@@ -243,6 +243,30 @@ def test_ctrl_c_at_any_step_leaves_nothing_torn(what, every, threads):
     assert pressed > 10
 
 
+def test_ctrl_c_at_any_step_of_a_launch(threads):
+    """The thread that launches works with those of its pool, and waits for no other."""
+    threads(2)
+    out = wp.zeros(4, dtype=int, device="cpu")
+    ended: list[str] = []
+
+    def pressed(n):
+        try:
+            with CtrlC(n, "launch.py"):
+                launch_in_turn(pass_on, 4, [(1,)], [out], get_device("cpu"))
+        except KeyboardInterrupt:
+            return ended.append("pressed")
+        ended.append("done")
+
+    for n in range(1, 10**6):
+        thread = threading.Thread(target=pressed, args=(n,), daemon=True)
+        thread.start()
+        thread.join(20)
+        assert len(ended) == n
+        if ended[-1] == "done":
+            break
+    assert n > 30
+
+
 def test_ctrl_c_while_samples_are_copied_anew(monkeypatch):
     """What changed is asked for again, until all that was made of other samples is forgotten; as after an error."""
     source = np.zeros((6, 6, 6), ">f4")

@@ -340,8 +340,8 @@ def _work(
     timeout = 1.0 if cancel.get() is None and report is None else POLL
 
     def work() -> None:
+        entered.append(None)
         try:
-            entered.append(None)  # and is sure to leave
             run()
         except BaseException as error:
             errors.append(error)
@@ -359,8 +359,8 @@ def _work(
         for _ in range(threads - joins):
             pool.submit(work)
         if joins:
-            work()
-        while len(left) < threads:
+            run()  # which Ctrl-C may end anywhere: who enters and leaves are those of the pool, that it does not reach
+        while len(left) < threads - joins:
             pause()
             check_cancelled()
             if report is not None and done is not None:
