@@ -517,6 +517,8 @@ def test_a_cancelled_frame_does_not_wait_for_the_one_before(scene):
         pass
     assert not done.is_set()
     done.set()
+    with lock.held(), pytest.raises(RuntimeError, match="busy with a frame of this thread"), lock.held():
+        pass
     with lock.held():
         pass
 

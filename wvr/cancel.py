@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from math import inf
 from time import perf_counter
+from types import FrameType
 from typing import Any
 from weakref import WeakSet
 
@@ -15,8 +17,6 @@ from weakref import WeakSet
 POLL = 0.02
 
 cancel: ContextVar[Any] = ContextVar("wvr_cancel", default=None)
-# Whether a frame of this thread waits for what is told of it.
-telling: ContextVar[bool] = ContextVar("wvr_telling", default=False)
 
 
 class Cancelled(Exception):  # noqa: N818 - no error, somebody asked for it
@@ -81,7 +81,7 @@ class Lock:
 
     def open(self) -> None:
         self._lock = threading.RLock()
-        self._holder: list[int] = []  # which thread, for each time another list
+        self._holder: list[int] = []  # which thread, by which call: each time another list
 
     def __reduce__(self) -> tuple:
         return Lock, ()  # a copy, or what is unpickled, has one of its own
@@ -89,11 +89,14 @@ class Lock:
     @contextmanager
     def held(self) -> Iterator[None]:
         """Raises RuntimeError where the thread itself holds it: it would wait for ever."""
-        mine = [threading.get_ident()]
-        if self._holder == mine and telling.get():
-            raise RuntimeError("a renderer is busy with a frame of this thread: progress= must not ask it for another")
-        if not self._holder or self._holder == mine:
-            self._release()  # what Ctrl-C left
+        frame: FrameType | None = sys._getframe(2)
+        mine = [threading.get_ident(), id(frame)]
+        while frame is not None and self._holder[:1] == mine[:1]:
+            if id(frame) == self._holder[1]:
+                raise RuntimeError("a renderer is busy with a frame of this thread: progress= must not ask for another")
+            frame = frame.f_back
+        if not self._holder or self._holder[:1] == mine[:1]:
+            self._release()  # what Ctrl-C left: who took it is at work no more
         try:
             while not self._lock.acquire(timeout=POLL):
                 check_cancelled()
@@ -107,7 +110,7 @@ class Lock:
 
     def _release(self) -> None:
         """Open it if the thread has it."""
-        if self._holder == [threading.get_ident()]:
+        if self._holder[:1] == [threading.get_ident()]:
             self._holder = []
         with suppress(RuntimeError):
             self._lock.release()

@@ -21,7 +21,7 @@ import numpy as np
 import warp as wp
 
 from . import kernel_cache
-from .cancel import POLL, Lock, cancel, check_cancelled, open_locks, telling
+from .cancel import POLL, Lock, cancel, check_cancelled, open_locks
 from .kernels.ray import TILE, tiles
 
 # More strips than threads, so that strips of uneven cost balance.
@@ -119,12 +119,11 @@ def reporting(report: Callable[[float], object] | None) -> Iterator[None]:
 
 def _tell(report: Callable[[float], object], share: float) -> None:
     """What is launched within is not of what is told of."""
-    tokens = _report.set(None), telling.set(True)
+    token = _report.set(None)
     try:
         report(share)
     finally:
-        _report.reset(tokens[0])
-        telling.reset(tokens[1])
+        _report.reset(token)
 
 
 def in_turn(items: Sequence[T], weights: Sequence[float] | None = None) -> Iterator[T]:
