@@ -311,6 +311,13 @@ def test_errors(labels, functions, other, error, message):
         wvr.Segmentation(labels, functions, other)
 
 
+def test_labels_are_in_memory(tmp_path):
+    np.save(tmp_path / "labels.npy", LABELS)
+    for labels in (wvr.open(tmp_path / "labels.npy"), tmp_path / "labels.npy", str(tmp_path / "labels.npy")):
+        with pytest.raises(TypeError, match=r"an array or a Volume in memory, as wvr\.read makes of a file, got "):
+            wvr.Segmentation(labels, {1: RED})
+
+
 def test_errors_of_rendering(blobs):
     camera = wvr.Camera.fit(blobs)
     with pytest.raises(

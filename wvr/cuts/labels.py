@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from os import PathLike
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -175,6 +176,8 @@ def _labels(given: Any) -> Volume:
     """A volume of unsigned labels; what is written into an array of another dtype is seen later on."""
     if isinstance(given, Volume) and given.dtype.name in DTYPES:
         return given
+    if isinstance(given, str | PathLike) or getattr(given, "stored", False):
+        raise TypeError(f"labels must be an array or a Volume in memory, as wvr.read makes of a file, got {given!r}")
     if hasattr(given, "dims") and getattr(given, "ndim", 0) == 3:
         # Of xarray, by the names of its axes, as volumes are.
         given = given.transpose(*(given.dims[axis] for axis in spatial([str(dim) for dim in given.dims])))

@@ -33,8 +33,9 @@ class Exact(Integrator):
     against enclosures
     (:func:`wvr.enclose`; docs/enclosure.md has the numbers) but where rounding of the scalar, some 1e-15 of the largest
     sample, or of lengths, some 1e-15 of the volume's, meets steep slopes: a spike as narrow as 1e-13 of the samples is
-    off by up to 0.05, and a ray along a jump is on either side of it. Clips that are far away or large for the volume
-    are as exact as float64 is at that distance, and those that a ray just touches half as many digits.
+    off by up to 0.05, and a ray along a jump, or along a face of the box or of an absent cell, is on either side of it.
+    Clips that are far away or large for the volume are as exact as float64 is at that distance, and those that a ray
+    just touches half as many digits.
 
     Always in float64, whatever ``precision`` is asked for, and so is the image. ``image.samples`` counts the pieces
     that were integrated. Rays do not end early unless ``termination`` says so.
