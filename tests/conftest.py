@@ -1,5 +1,7 @@
 """What all tests share: the devices there are, and small scenes."""
 
+import gc
+
 import pytest
 import warp as wp
 from hypothesis import settings
@@ -10,6 +12,9 @@ from wvr.launch import get_device
 # On a busy machine what is slow is not wrong.
 settings.register_profile("wvr", deadline=None)
 settings.load_profile("wvr")
+
+# What kernels are made of stays, and Python would look through all of it a thousand times: a twentieth of compiling.
+gc.set_threshold(200_000, 20, 20)
 
 
 def devices() -> list[str]:
