@@ -8,6 +8,7 @@ import wvr
 from studies import angelelli2017, campagnolo2015, lighting, roettger2003, slab_passes
 from studies.angelelli2017 import methods, slice_by_slice, slices
 from studies.angelelli2017.aliasing import aliasing
+from studies.base import scenes
 from studies.base.harness import STYLE
 
 from .helpers import rows_of
@@ -51,6 +52,9 @@ def test_angelelli2017(tmp_path, monkeypatch):
         monkeypatch.setattr(methods, name, value)
     for name, value in (("SUBSAMPLES", (1,)), ("KERNELS", (5, 9)), ("SCENES", ("bonsai",))):
         monkeypatch.setattr(slice_by_slice, name, value)
+    # Of grey levels all of them, so that they share kernels.
+    for name in ("cthead", "stent"):
+        monkeypatch.setitem(scenes.SCANS, name, scenes.SCANS["engine"])
     with rc_context(STYLE):
         for part in angelelli2017.STUDY.parts.values():
             assert part.work(tmp_path, True)
