@@ -66,7 +66,7 @@ def test_uniform_medium_as_it_is_shown(depth, n, precision):
 
 def sweep_of_light(n, q):
     """Light after n steps of diffusion by a variance q each: a spot on black, away from the border."""
-    halves = Halves(wp.float64, Grid(wp.float32, True), Half(preintegrated=False))
+    halves = Halves(wp.float64, Grid(wp.float32, True), Half(preintegrated=True))
     _, step = make_travel(halves)
     device = get_device("cpu")
     rows, columns, border, run = 96, 96, int(BORDER), int(RUN)
@@ -122,13 +122,14 @@ def test_order_of_the_image(options, low, high):
     """In the slice distance, on a smooth scene, cells of light being what they are."""
     x = np.linspace(-1, 1, 24)
     z, y, x = np.meshgrid(x, x, x, indexing="ij")
-    volume = wvr.Volume(np.exp(-3 * (x * x + 1.5 * y * y + z * z) - x * z).astype(np.float32))
-    tf = wvr.TransferFunction([(0, "navy", 0.0), (1, "white", 0.25)])
+    volume = wvr.Volume(np.rint(255 * np.exp(-3 * (x * x + 1.5 * y * y + z * z) - x * z)).astype(np.uint8))
+    tf = wvr.TransferFunction([(0, "navy", 0.0), (255, "white", 0.25)])
     camera = wvr.Camera.fit(volume, direction=(0.2, 0.3, 1), up=(0, 1, 0), parallel=True)
     rest = {"image": "slices", "cell": 1.0, "light": DIRECTED} | options
 
     def image(distance):
-        return shaded(volume, tf, camera, (24, 24), slice_distance=distance, **rest).rgba[..., :3]
+        shadows = wvr.ConvolutionShadows(distance, **rest)
+        return wvr.render(volume, tf, camera, (24, 24), shadows=shadows, termination=0).rgba[..., :3]
 
     truth = image(1 / 16)
     errors = [np.abs(image(distance) - truth).mean() for distance in (1.0, 0.5, 0.25)]
