@@ -49,11 +49,11 @@ def test_order(cuts):
 
 
 def test_opacity_of_a_homogeneous_stretch_is_exact():
-    volume = wvr.Volume(np.ones((5, 5, 5), np.float32))
+    volume = wvr.Volume(np.ones((5, 5, 5)))
     tf = wvr.TransferFunction([(0, "red", 0.5), (2, "red", 0.5)], unit_distance=2.0)
     camera = wvr.Camera((2, 2, 20), (2, 2, 2), up=(0, 1, 0), parallel_scale=1.0)
-    image = wvr.render(volume, tf, camera, (4, 4), integrator=Gauss(0.7), termination=0)
-    assert np.allclose(image.rgba, [0.75, 0, 0, 0.75], atol=1e-6)
+    image = wvr.render(volume, tf, camera, (4, 4), integrator=Gauss(0.7), precision="float64", termination=0)
+    assert np.allclose(image.rgba, [0.75, 0, 0, 0.75], rtol=0, atol=1e-12)
 
 
 def test_light_shadows_and_absent_data(blobs):
