@@ -154,11 +154,11 @@ def test_what_stands_for_blocks_that_are_not_read_is_not_seen_in_edges(monkeypat
     rng = np.random.default_rng(seed)
     z, y, x = np.indices((13, 12, 12))
     a, b, c = rng.uniform(0.2, 1.2, 3)
-    data = ((np.sin(x * a + 1) + np.cos(y * b) * np.sin(z * c) + 2) / 4).astype(np.float32)
+    data = np.rint(255 * (np.sin(x * a + 1) + np.cos(y * b) * np.sin(z * c) + 2) / 4).astype(np.uint8)
     spacing = 10 ** rng.uniform(-1, 1, 3)
     camera = wvr.Camera(*(rng.uniform(0, 11, 3) * spacing for _ in range(2)), view_angle=90)
     volumes = wvr.Volume(data, spacing), wvr.build_ranges(wvr.open(data.copy(), spacing=spacing))
-    tf = [(0, "white", 0.9), (0.25, "white", 0.5), (0.25, "white", 0.0), (1, "white", 0.0)]
+    tf = [(0, "white", 0.9), (64, "white", 0.5), (64, "white", 0.0), (255, "white", 0.0)]
     whole, image = (wvr.render(v, tf, camera, (24, 24), integrator=method, lighting=False) for v in volumes)
     one, other = (i.rgba if i.values is None else i.values[..., None] for i in (image, whole))
     apart = np.abs(one.astype(float) - other).max(axis=2)
