@@ -15,7 +15,7 @@ WHITE = (1.0, 1.0, 1.0)
 
 def slab(tau: float, n: int = 9, spacing=(1.0, 1.0, 1.0)) -> tuple[wvr.Volume, wvr.TransferFunction]:
     """A uniform medium of an extinction per world length, seen along z; wide, so that no cone leaves at its sides."""
-    volume = centered(np.ones((n, 2, 2), np.float32), np.array([1e3, 1e3, 1.0]) * spacing)
+    volume = centered(np.ones((n, 2, 2), np.uint8), np.array([1e3, 1e3, 1.0]) * spacing)
     opacity = -np.expm1(-tau)
     return volume, wvr.TransferFunction([(0, "white", opacity), (2, "white", opacity)], unit_distance=1.0)
 
@@ -81,7 +81,7 @@ def test_uniform_slab_with_a_cone(device, spread):
 
 def test_nothing_in_the_way(device):
     """One thin layer under a light that comes from its own side: as bright as without shadows."""
-    data = np.zeros((9, 3, 3), np.float32)
+    data = np.zeros((9, 3, 3), np.uint8)
     data[4] = 1
     tf = wvr.TransferFunction([(0, "orange", 0.0), (1, "orange", 1e-4)])
     volume = centered(data)
@@ -94,7 +94,7 @@ def test_nothing_in_the_way(device):
 def test_hard_shadow_has_its_place(device):
     """A small opaque block above a plane: its shadow lies where the light says, and spreads with the cone."""
     n = 33
-    data = np.zeros((n, n, n), np.float32)
+    data = np.zeros((n, n, n), np.uint8)
     data[24:27] = 1  # the plane, at z = 25
     data[7:10, 14:19, 14:19] = 1  # the block, 17 before it
     volume = centered(data)
