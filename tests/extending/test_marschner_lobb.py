@@ -57,13 +57,15 @@ def test_rays_are_those_of_the_formula():
             assert np.abs(found[row, column] - expected).max() < 1e-6
 
 
-@pytest.mark.parametrize("lighting", [None, wvr.Lighting()], ids=["unlit", "lit"])
-def test_volumes_that_sample_it_converge_to_it(lighting):
+@pytest.mark.parametrize(
+    ("method", "lighting"), [(wvr.Simpson, None), (wvr.Riemann, wvr.Lighting())], ids=["unlit", "lit"]
+)
+def test_volumes_that_sample_it_converge_to_it(method, lighting):
     """With order 2 in the distance of their samples, as trilinear interpolation does; lit, by gradients that do."""
-    truth = image(FIELD, wvr.Riemann(0.2), lighting=lighting).rgba
+    truth = image(FIELD, method(0.2), lighting=lighting).rgba
     errors = []
     for n in (21, 41, 81):
-        one = image(sampled(n), wvr.Riemann(0.2 * (n - 1) / 40), lighting=lighting)
+        one = image(sampled(n), method(0.2 * (n - 1) / 40), lighting=lighting)
         errors.append(np.abs(one.rgba - truth).mean())
     order = np.log2(errors[0] / errors[2]) / 2
     assert errors[2] < 1e-3 and order == pytest.approx(2, abs=0.4)
@@ -83,26 +85,28 @@ def test_integrators_agree(integrator, most):
 
 
 def test_clips_and_labels():
-    truth = image(FIELD, Gauss(0.2)).rgba
-    halves = [
-        image(FIELD, Gauss(0.2), clip=wvr.ClipPlane((0, 0, 0), side * np.cross(CAMERA.basis()[2], (0, 0, 1))))
-        for side in (1, -1)
-    ]
+    def cut(step, **cuts):
+        return image(FIELD, Gauss(step), precision="float64", **cuts)
+
+    truth = cut(0.2).rgba
+    across = np.cross(CAMERA.basis()[2], (0, 0, 1))
+    halves = [cut(0.2, clip=wvr.ClipPlane((0, 0, 0), side * across)) for side in (1, -1)]
     assert np.abs(sum(half.rgba for half in halves) - truth).max() < 1e-5
     labels = (np.indices(FIELD.shape)[0] > 20).astype(np.uint8)
     for skip in (True, False):
         same = wvr.Segmentation(labels, {0: TF, 1: TF})
-        assert max_error(image(FIELD, Gauss(0.2), segmentation=same, skip_empty=skip), truth) < 1e-6
+        assert max_error(cut(0.2, segmentation=same, skip_empty=skip), truth) < 1e-6
         part = wvr.Segmentation(labels, {0: TF})
-        cut = image(FIELD, Gauss(0.05), clip=wvr.ClipPlane((0, 0, 0.025), (0, 0, -1)))
-        assert max_error(image(FIELD, Gauss(0.05), segmentation=part, skip_empty=skip), cut.rgba) < 1e-5
+        below = cut(0.05, clip=wvr.ClipPlane((0, 0, 0.025), (0, 0, -1)))
+        assert max_error(cut(0.05, segmentation=part, skip_empty=skip), below.rgba) < 1e-5
 
 
 def test_shadows():
     shadows = wvr.ConvolutionShadows(light=wvr.DirectionalLight((1, 1, 1)), slice_distance=0.5)
-    found = image(FIELD, Gauss(0.2), shadows=shadows)
-    assert max_error(found, image(sampled(41), wvr.Exact(), shadows=shadows).rgba) < 0.02
-    assert max_error(found, image(FIELD, Gauss(0.2)).rgba) > 0.05
+    options = {"shadows": shadows, "precision": "float64"}
+    found = image(FIELD, Gauss(0.2), **options)
+    assert max_error(found, image(sampled(41), wvr.Exact(), **options).rgba) < 0.02
+    assert max_error(found, image(FIELD, Gauss(0.2), precision="float64").rgba) > 0.05
 
 
 def test_renderer_keeps_what_an_equal_field_has_built():
