@@ -216,7 +216,7 @@ def test_forced_steps(device):
 @every_precision
 def test_leaps_over_empty_blocks(device, precision):
     """Nothing but rounding changes, and what is empty is not sampled."""
-    data = np.zeros((64, 64, 64), np.uint8)
+    data = np.zeros((64, 64, 64))
     data[24:36, 20:44, 28:40] = np.random.default_rng(3).integers(50, 255, (12, 24, 12))
     tf = wvr.TransferFunction([(20, "navy", 0.0), (255, "gold", 0.3)])
     leapt, whole = (
