@@ -78,8 +78,8 @@ def test_memory_that_was_used_before_changes_nothing(monkeypatch):
         return array
 
     monkeypatch.setattr(wp, "empty", used)
-    volume = wvr.Volume(np.random.default_rng(5).random((12, 12, 12)).astype(np.float32))
-    tf = wvr.TransferFunction([(0.1, "red", 0), (0.3, "white", 0.5), (0.6, "blue", 0.2), (0.75, "green", 1)])
+    volume = wvr.Volume((256 * np.random.default_rng(5).random((12, 12, 12))).astype(np.uint8))
+    tf = wvr.TransferFunction([(25, "red", 0), (77, "white", 0.5), (154, "blue", 0.2), (192, "green", 1)])
     camera = wvr.Camera.fit(volume, (1, 0.5, 0.3))
     clip = wvr.ClipPlane((5.7, 5.2, 6.0), (0.9, -0.3, -1.4))
     renderer = wvr.Renderer(volume, tf, tolerance=1e-3, termination=0, lighting=wvr.Lighting(), clip=clip)
