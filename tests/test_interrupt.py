@@ -20,6 +20,7 @@ from wvr.cancel import Lock, cancelling
 from wvr.launch import _report, get_device, in_turn, launch, launch_in_turn, reporting
 
 TF = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.001)])
+JUMP = wvr.TransferFunction([(0, "navy", 0.0), (140, "gold", 0.3), (140, "red", 0.1), (255, "white", 0.5)])
 SLOW = {"integrator": wvr.Riemann(0.001), "device": "cpu", "termination": 0}
 PYTHON = [sys.executable, "-c"]
 # Jobs in the background are started with Ctrl-C ignored.
@@ -215,6 +216,8 @@ def test_ctrl_c_at_any_step_leaves_nothing_torn(what, every, threads):
     """What is kept, and locked, is as good as new: the next frames are those of a new renderer."""
     threads(1)
     options = {"device": "cpu"} | ({"memory_limit": "1 MiB"} if what == "bricks" else {})
+    # With a jump, as other bricks that clips cut.
+    tf = JUMP if what == "bricks" else TF
     volumes = [wvr.Volume(wvr.datasets.load("blobs", 12).numpy()[::step].copy()) for step in (1, -1)]
     clips = [wvr.ClipVolume(volume, 100) for volume in (*volumes, wvr.datasets.load("blobs", 12))]
     camera = wvr.Camera.fit(volumes[0])
@@ -226,8 +229,8 @@ def test_ctrl_c_at_any_step_leaves_nothing_torn(what, every, threads):
 
     # Bricks stay with their volume.
     scenes = [(0, 0), (int(what != "bricks"), 1), (0, 2)]
-    expected = {scene: seen(wvr.Renderer(volumes[0], TF, **options), *scene) for scene in scenes}
-    renderer = wvr.Renderer(volumes[0], TF, **options)
+    expected = {scene: seen(wvr.Renderer(volumes[0], tf, **options), *scene) for scene in scenes}
+    renderer = wvr.Renderer(volumes[0], tf, **options)
     pressed, kept = 0, []
     for n in range(1, 10**6, every):
         seen(renderer, *scenes[0])
