@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import warp as wp
 
-from .points import CUT, Lights
+from .points import CUT, OPPOSITE, Lights
 from .shine import FEW, GOOD, MANY, MUCH, PARTS, rule
 
 vec12 = wp.types.vector(12, wp.float32)
@@ -114,10 +114,12 @@ def make_glow(clipped):
             lamp = lights.lamps[wp.max(l, 0)]
             toward = wp.where(lamp.kind == 0, eye, lamp.vector)
             h = toward + eye
-            glance = wp.abs(wp.dot(normal, h)) / wp.sqrt(wp.max(wp.dot(h, h), real(1.0e-30)))
-            glance = wp.clamp(glance, real(1.0e-30), real(1.0))
+            hh = wp.dot(h, h)
+            glance = wp.min(wp.abs(wp.dot(normal, h)) / wp.sqrt(wp.max(hh, real(1.0e-30))), real(1.0))
             I.color += (clear * wp.abs(wp.dot(normal, toward)) + (real(1.0) - clear)) * lamp.color
-            I.glint += (clear * wp.exp(lights.sheen.shininess * wp.log(glance))) * lamp.glint
+            if glance > real(0.0):
+                between = clear * wp.min(hh / real(wp.static(OPPOSITE)), real(1.0))
+                I.glint += (between * wp.exp(lights.sheen.shininess * wp.log(glance))) * lamp.glint
         return I
 
     @wp.func

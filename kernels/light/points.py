@@ -3,7 +3,8 @@
 What light does to a point is an intensity: three numbers that multiply diffuse colour and three of specular light. It
 is linear in no way, but it is what is interpolated along a segment (Lum, Wilson and Ma 2004, section 3). Surfaces have
 two sides: the sign of the gradient says nothing. Where there is none, no direction of light is invented: with
-f = g^2 / (g^2 + faint) the intensity fades to that of emission which faces every light, without specular light.
+f = g^2 / (g^2 + faint) the intensity fades to that of emission which faces every light, without specular light. This
+fades, too, where a light is right behind what is seen.
 A face that a clip cuts is lit by the clip's normal, which a voxel behind it has become the field's.
 
 A light is of a kind, told by its number in the tuple of kinds that a kernel is made for.
@@ -130,6 +131,9 @@ def make_toward(kinds, number=0):
     return toward
 
 
+# Square of the sum of the unit vectors to a light and to the viewer up to which specular light fades: where they are
+# opposite there is no way half between them, and rounding would choose one.
+OPPOSITE = 1e-4
 # Least gradient of a clip's surface [range of the transfer function a voxel].
 CUT = 0.01
 
@@ -164,11 +168,12 @@ def make_shine(halves):
             toward = vec3(toward_of(here.kind, here.vector, place, viewer))
             diffuse = clear * wp.abs(wp.dot(normal, toward)) + (real(1.0) - clear)
             specular = real(0.0)
-            half = wp.normalize(toward + eye)
+            half = toward + eye
             # No more than 1 by rounding, which powers make any number of.
-            glance = wp.min(wp.abs(wp.dot(normal, half)), real(1.0))
+            glance = wp.min(wp.abs(wp.dot(normal, wp.normalize(half))), real(1.0))
             if glance > real(0.0):
-                specular = clear * wp.pow(glance, real(shading.shininess))
+                between = wp.min(wp.dot(half, half) / real(wp.static(OPPOSITE)), real(1.0))
+                specular = clear * between * wp.pow(glance, real(shading.shininess))
             for c in range(3):
                 I[c] += real(here.color[c]) * diffuse
                 I[c + 3] += real(here.color[c]) * specular

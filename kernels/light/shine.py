@@ -10,12 +10,12 @@ Letters and numbers are those of docs/proof-single.md.
 
 import numpy as np
 
-from .points import CUT
+from .points import CUT, OPPOSITE
 
 # Points of a piece, and of one whose light matters more; of that there are so many parts at most.
 FEW = 2
 MANY = 16
-PARTS = 3
+PARTS = 32
 # What light may change a piece's part of the pixel by, in parts of the tolerance of a piece, that few will do for: the
 # whole tolerance. And that more points will do for, in parts of that, being so much less off (S21). In lanes sixteen
 # cost as much as four.
@@ -72,7 +72,8 @@ auto shine = [&](vf gx, vf gy, vf gz, const vf* eye, vf* I) {
             / __builtin_elementwise_sqrt(MAX(hh, zero + 1e-30f));
         const vf d = clear * facing + (1.0f - clear);
         const vf glint = shininess * bare(MIN(MAX(glance, zero + 1e-30f), zero + 1.0f));
-        const vf s = clear * fading(MIN(glint, zero + 200.0f));
+        const vf between = clear * MIN(hh / OPPOSITEf, zero + 1.0f);
+        const vf s = glance > 0.0f ? between * fading(MIN(glint, zero + 200.0f)) : zero;
         for (int c = 0; c < 3; ++c) {
             I[c] += (float)light.color[c] * d;
             I[3 + c] += (float)light.color[c] * s;
@@ -83,7 +84,7 @@ auto shine = [&](vf gx, vf gy, vf gz, const vf* eye, vf* I) {
         I[3 + c] *= specular;
     }
 };
-"""
+""".replace("OPPOSITE", repr(OPPOSITE))
 PIECES = """
 struct Lit {
     vf x, A, g, m1, m2, m3;  // as of the series
@@ -135,7 +136,7 @@ auto changes = [&](const Lit& p) -> vf {
 auto lit = [&](const Lit& p, vi wanted, vf T, vf* out) __attribute__((noinline)) {
     vf mean[6] = {}, moment[3] = {}, moved = {}, all = {}, I[6], weight;
     const float few[] = {FEW_NODES}, shares[] = {FEW_SHARES};
-    alignas(64) const float many[] = {MANY_NODES}, parts[] = {MANY_SHARES};
+    alignas(64) const float many[] = {MANY_NODES}, shared[] = {MANY_SHARES};
     for (int i = 0; i < FEW; ++i) {
         const vf w = sampled(p, zero + few[i], I, weight);
         weight *= shares[i];
@@ -146,9 +147,9 @@ auto lit = [&](const Lit& p, vi wanted, vf T, vf* out) __attribute__((noinline))
     }
     const vf matters = T * p.A * changes(p);
     alignas(64) int finer[16];
-    vi times = {};
-    for (int i = 0; i < PARTS; ++i) times -= matters > tolerance * (i ? MORE * i * i : MUCH);
-    *(vi*)finer = wanted & times;
+    // A bend is off by the square of a part.
+    const vf parts = 1.0f + MIN(__builtin_elementwise_sqrt(matters / (tolerance * MORE)), zero + (PARTS - 1));
+    *(vi*)finer = wanted & (matters > tolerance * MUCH) & __builtin_convertvector(parts, vi);
     for (int l = 0; l < 16; ++l) {
         if (!finer[l]) continue;
         Lit q;
@@ -158,7 +159,7 @@ auto lit = [&](const Lit& p, vi wanted, vf T, vf* out) __attribute__((noinline))
         v4f sums[3] = {};
         for (int i = 0; i < finer[l]; ++i) {
             const vf w = sampled(q, (*(const vf*)many + (float)i) / (float)finer[l], I, weight);
-            weight *= *(const vf*)parts;
+            weight *= *(const vf*)shared;
             const vf ww = weight * w;
             sums[0] += summed(weight, ww, ww * I[0], ww * I[1]);
             sums[1] += summed(ww * I[2], weight * I[0], weight * I[1], weight * I[2]);

@@ -39,7 +39,8 @@ class Lighting:
     With unit vectors n along the gradient, l to a light and h half-way between l and the viewer, a point of colour c
     is seen with ``c (ambient + diffuse sum_l L_l |n.l|) + specular sum_l L_l |n.h|^shininess``, L_l the light's colour.
     Opacity is not affected. Surfaces have two sides. Where the gradient vanishes no direction of light is invented:
-    continuously, diffuse light becomes that of a point that faces every light, and specular light none.
+    continuously, diffuse light becomes that of a point that faces every light, and specular light none. Nor is there a
+    direction half-way to a light that is right behind: specular light fades to none in the last 0.6 degrees.
     A transfer function's own ``ambient``, ``diffuse`` and ``specular`` multiply these coefficients; what is seen of
     them is integrated like colour (Roettger et al. 2003, section 1).
 
@@ -126,7 +127,8 @@ class Lighting:
 
     def in_lanes(self, scene: Scene) -> bool:
         """Whether kernels of single precision know the lights, and rounding is little beside ``tolerance``."""
-        sharp = ULPS * 2.0**-24 * max(self.shininess, 1.0) ** 0.5
+        # Of powers below 1, which are steep where they are 0, that power of it.
+        sharp = (ULPS * 2.0**-24) ** min(self.shininess, 1.0) * max(self.shininess, 1.0) ** 0.5
         little = sharp * (self.specular + self.diffuse) <= LITTLE * getattr(scene.integrator, "tolerance", 0.0)
         return little and not scene.material and self.half(scene, False).kinds == KINDS
 
