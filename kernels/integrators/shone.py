@@ -70,10 +70,16 @@ def make_shone(halves):
         glints = one
         if shading.shininess >= one:
             glints = wp.min(real(1.6) * wp.sqrt(shading.shininess) * turn + fades, one)
-        change = shading.diffuse * wp.min(turn + fades, one) + shading.specular * glints
+        turn = wp.min(turn + fades, one)
         if wp.static(halves.cuts.clipped):
             if wp.length(c.middle - to - scene.light.cut_point) < one:
-                change = shading.diffuse + shading.specular
+                turn = one
+                glints = one
+        # And by how much coefficients do, which are linear in the scalar.
+        at = factors(scene, k, c.m[0])
+        most = factors(scene, k, c.m[0] + wp.abs(m1) + wp.abs(m2) + wp.abs(m3)) - at
+        change = shading.ambient * wp.abs(most[0])
+        change += shading.diffuse * (at[1] * turn + wp.abs(most[1])) + shading.specular * (at[2] * glints + wp.abs(most[2]))
         matters = c.T * A * change / scene.march.tolerance
         first = int(0)
         count = int(wp.static(FEW))

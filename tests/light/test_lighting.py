@@ -181,6 +181,20 @@ def test_materials(blobs):
         assert max_error(image(varied, integrator), truth) < most
 
 
+def test_materials_that_vary_within_a_cell_follow_the_tolerance():
+    """Where light is the same everywhere, too."""
+    volume = ramp_volume(n=3)
+    camera, (low, high) = side_camera(volume), volume.range
+    colors = [[0.9, 0.1, 0.3], [0.1, 0.6, 1.0]]
+    tf = wvr.TransferFunction.from_arrays([low, high], colors, [0.6, 0.05], ambient=[0, 4])
+    lighting = wvr.Lighting(ambient=1, diffuse=0, specular=0)
+    images = [
+        wvr.render(volume, tf, camera, (24, 24), integrator=one, lighting=lighting, precision="float64")
+        for one in (wvr.Certified(1e-6), wvr.Exact())
+    ]
+    assert max_error(images[0], images[1].rgba) < 1e-6
+
+
 def spiked_sphere(n, radii=(40, 60, 80), width=0.3):
     """Images by mode, and many parts with the same linear scalar: what is left between them is lighting alone."""
     volume = sphere(n, 100.0)
