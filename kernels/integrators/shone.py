@@ -78,8 +78,8 @@ def make_shone(halves):
         # And by how much coefficients do, which are linear in the scalar.
         at = factors(scene, k, c.m[0])
         most = factors(scene, k, c.m[0] + wp.abs(m1) + wp.abs(m2) + wp.abs(m3)) - at
-        change = shading.ambient * wp.abs(most[0])
-        change += shading.diffuse * (at[1] * turn + wp.abs(most[1])) + shading.specular * (at[2] * glints + wp.abs(most[2]))
+        change = shading.ambient * wp.abs(most[0]) + shading.diffuse * (at[1] * turn + wp.abs(most[1]))
+        change += shading.specular * (at[2] * glints + wp.abs(most[2]))
         matters = c.T * A * change / scene.march.tolerance
         first = int(0)
         count = int(wp.static(FEW))
