@@ -21,7 +21,6 @@ from studies.base.harness import (
     summarize,
     timed,
 )
-from studies.base.peer import NotAvailableError
 from studies.base.scenes import make_scene
 from studies.base.vtk_cpu import VtkCpu
 
@@ -50,11 +49,10 @@ def measure(settings: Settings) -> Result:
                     work = timed(partial(renderer.render, scene.camera, scene.size))
                     contenders[integrator_name(integrator) + behind] = work
                 vtk = stack.enter_context(VtkCpu(scene, 1, wvr.get_num_threads(), lit=lit))
-                try:
-                    vtk.frame()
+                if why := vtk.missing():
+                    notes.append(f"VTK, uint8{behind}: not available: {why}.")
+                else:
                     contenders[f"VTK, uint8{behind}"] = vtk.frame
-                except NotAvailableError as error:
-                    notes.append(f"VTK, uint8{behind}: not available: {error}.")
             times = interleave(contenders, settings.rounds)
         ratios = processor_ratios(times, VTK)
         for row in summarize(name, times, BASELINE):

@@ -21,7 +21,6 @@ from studies.base.harness import (
     summarize,
     timed,
 )
-from studies.base.peer import NotAvailableError
 from studies.base.scenes import Scene
 from studies.base.vtk_cpu import VtkCpu
 
@@ -57,11 +56,10 @@ def measure(settings: Settings) -> Result:
             # VTK's own opacities are of no account.
             scene = Scene(name, volume, wvr.TransferFunction.from_colormap("gray", volume.range), camera, size)
             vtk = stack.enter_context(VtkCpu(scene, 1, wvr.get_num_threads(), maximum=True))
-            try:
-                vtk.frame()
+            if why := vtk.missing():
+                notes.append(f"{VTK}: not available: {why}.")
+            else:
                 contenders[VTK] = vtk.frame
-            except NotAvailableError as error:
-                notes.append(f"{VTK}: not available: {error}.")
             times = interleave(contenders, settings.rounds)
         ratios = processor_ratios(times, VTK)
         for row in summarize(name, times, BASELINE):

@@ -34,7 +34,7 @@ from wvr.integrators import Integrator
 from .base import scenes as views
 from .base.harness import COLORS, Contender, interleave, save_figure, timed
 from .base.ospray_cpu import OsprayCpu
-from .base.peer import NotAvailableError, Peer
+from .base.peer import Peer
 from .base.rows import write_rows
 from .base.scenes import Scene, picture
 from .base.study import Study
@@ -225,11 +225,10 @@ def _peers(stack: ExitStack, scene: Scene, quick: bool) -> dict[str, Peer]:
         if name == "VTK, uint16" and (quick or scene.volume.dtype != np.uint8):
             continue
         peer = stack.enter_context(start(scene, wvr.get_num_threads()))
-        try:
-            peer.frame()
+        if why := peer.missing():
+            print(f"{name} is not available: {why}")
+        else:
             there[name] = peer
-        except NotAvailableError as error:
-            print(f"{name} is not available: {error}")
     return there
 
 

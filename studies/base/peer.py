@@ -72,6 +72,14 @@ class Peer:
         """
         return self.ask("draw", step, camera)
 
+    def missing(self) -> str | None:
+        """Why it cannot render here; None where it does, as its first frame tells."""
+        try:
+            self.frame()
+        except NotAvailableError as error:
+            return str(error)
+        return None
+
     def image(self) -> NDArray[np.floating]:
         """The last frame: premultiplied RGBA (height, width, 4), row 0 at the top."""
         return self.ask("image")

@@ -25,9 +25,9 @@ UNWRITTEN: dict[str, float] = {
     "i8": -(2**63) + 2,
     "u8": 2**64 - 2,
 }
+UNWRITTEN |= {"f4": 9.969209968386869e36, "f8": 9.969209968386869e36}
 # Where xarray has names of dimensions in Zarr 2.
 XARRAY = "_ARRAY_DIMENSIONS"
-UNWRITTEN |= {"f4": 9.969209968386869e36, "f8": 9.969209968386869e36}
 
 
 @dataclass(frozen=True)
