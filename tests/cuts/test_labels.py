@@ -412,9 +412,9 @@ def test_a_scene_without_labels_again(blobs):
         assert np.array_equal(whole.rgba, again.rgba) and not np.array_equal(whole.rgba, half.rgba)
 
 
-def test_trace(blobs):
-    """Steps of all stretches, long after the renderer is gone; those of either integrator are looked at with clips."""
-    integrator = wvr.AdaptivePreintegrated(1e-2)
+@pytest.mark.parametrize("integrator", [wvr.AdaptivePreintegrated(1e-2), wvr.AdaptiveSimpson(1e-3)], ids=repr)
+def test_trace(integrator, blobs):
+    """Steps of all stretches, long after the renderer is gone."""
     labels = layers(blobs.shape, np.array([0.2, 0.3, 1.0]), 25.3)
     segmentation = wvr.Segmentation(labels, {1: SMOOTH, 2: SPARSE})
     camera = wvr.Camera.fit(blobs)

@@ -203,12 +203,12 @@ def test_forced_steps_stay_in_range(device, coupling, precision, unit):
     assert image.rgba[12, 12, 3] == pytest.approx(1)
 
 
-def test_absent_data(device):
-    """However integrals are coupled: absent samples emit nothing, and none of the walk asks for them."""
+@every_coupling
+def test_absent_data(device, coupling):
     data = np.full((12, 12, 12), 5.0, np.float32)
     data[6, 6, 6] = np.nan
     tf = wvr.TransferFunction([(0, (1, 1, 1), 0.1), (9, (1, 1, 1), 0.1)])
-    integrator = wvr.AdaptiveSimpson(1e-4)
+    integrator = wvr.AdaptiveSimpson(1e-4, coupling=coupling)
     alpha = wvr.render(
         centered(data, nan="transparent"), tf, along(2, scale=6), (48, 48), integrator=integrator, device=device
     ).rgba[..., 3]

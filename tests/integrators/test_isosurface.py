@@ -206,8 +206,8 @@ def test_where_rounding_decides_the_bound_says_so():
     # Rays in the plane x = 1, where all samples are 1.
     assert np.all(touched.error_bound[:, [0, 2]] >= 1) and np.all(touched.error_bound[:, 1] < 1e-6)
     # Across samples that are all at the level: one crossing, and no doubt.
-    ramp = centered(np.broadcast_to(np.arange(9, dtype=np.uint8)[:, None, None], (9, 9, 9)).copy())
-    through = wvr.render(ramp, RED, sideways, (3, 3), lighting=False, integrator=wvr.Isosurface(4.0))
+    ramp = centered(np.broadcast_to(x[:, None, None], (9, 9, 9)).copy())
+    through = wvr.render(ramp, RED, sideways, (3, 3), lighting=False, integrator=wvr.Isosurface(0.0))
     assert np.all(through.rgba[..., 3] == 1) and np.all(through.error_bound < 1e-6)
     assert np.abs(through.depth() - 30).max() < 1e-12
     # A valley whose bottom is at the level.
@@ -222,7 +222,7 @@ def test_where_rounding_decides_the_bound_says_so():
             sideways,
             (3, 3),
             lighting=False,
-            integrator=wvr.Isosurface(4.0),
+            integrator=wvr.Isosurface(0.0),
             clip=wvr.ClipPlane((0, 0, place), (0, 0, -1)),
         )
         assert np.all((cut.error_bound >= least) & (cut.error_bound <= most)), place
