@@ -26,6 +26,7 @@ def from_start(c: Cubic):
     result.eye = c.eye
     result.length = c.length
     result.blur = c.blur
+    result.T = c.T
     result.s = wp.vec4d(
         m[0] - m[1] + m[2] - m[3],
         h * (m[1] - wp.float64(2.0) * m[2] + wp.float64(3.0) * m[3]),

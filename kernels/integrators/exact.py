@@ -18,6 +18,7 @@ from .pieces import Piece, make_pieces
 @wp.struct
 class ExactNodes:
     nodes: wp.array(dtype=wp.vec2d)  # of ``pieces.NODES``
+    tolerance: wp.float64  # of light, as of ``shone``
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,8 @@ def make_through(halves):
         if k == interval(scene.transfer, here.s[0] + wide):
             if scene.transfer.visible[k] != k:
                 return wp.vec4d(), int(0)
-            return piece(scene, here, k), int(1)
+            if wp.static(halves.light is None):
+                return piece(scene, here, k), int(1)
         segment, _error, count = cut(scene, here)
         return segment, count
 
@@ -91,6 +93,7 @@ def make_exact(halves):
                 if ray[3] <= scene.opaque and cells.length[l] > wp.float64(0.0):
                     here.start = origin + cells.start[l] * direction
                     here.length = cells.length[l]
+                    here.T = wp.float64(1.0) - ray[3]
                     segment, pieces = through(
                         scene, wp.vec3i(cells.cell[0, l], cells.cell[1, l], cells.cell[2, l]), here
                     )

@@ -3,8 +3,7 @@
 On such a piece the scalar s is a cubic in the length u from its start, extinction and colour are linear in s, and the
 optical depth D is a quartic in closed form. What the piece adds of colour is
 ``int c tau exp(-D) du = c0 (1 - exp(-D)) + c' int (s - s0) tau exp(-D) du``; quadrature is left with the last integral,
-whose terms have one sign where s is monotone. Where there is light, which is no polynomial, the whole colour is left to
-quadrature, with eight nodes or more; where there is a tolerance, to ``shone``.
+whose terms have one sign where s is monotone. What ``cut`` cuts is lit, by ``shone``.
 """
 
 from functools import cache
@@ -14,7 +13,6 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..field.cell import at, moved, quartic, turns, vec5d, zero
-from ..light.points import make_shading
 from ..segment import make_absorbed, over
 from ..transfer.function import make_transfer
 from ..transfer.linear import CUT
@@ -58,6 +56,7 @@ class Piece:
     s: wp.vec4d
     length: wp.float64
     blur: wp.float64  # rounding of s, where there is a bound
+    T: wp.float64  # transparency in front of it, where there is light
 
 
 class Jumps(NamedTuple):
@@ -153,12 +152,9 @@ def make_pieces(halves):
     depths = wp.constant(wp.types.vector(rules, wp.float64)(*map(deepest, NODES)))
     opaque = CUT["float64"]
     lanes = in_lanes(halves)
-    # With a tolerance pieces are lit by what their light changes.
-    bounded = halves.light is not None and not lanes and halves.march.bounded
-    lighted = halves.light is not None and not lanes and not bounded
+    lighted = halves.light is not None and not lanes
     lit_piece = make_lit_piece(halves) if lanes else None
-    shone = make_shone(halves) if bounded else None
-    _, gradient, light, lit, *_ = make_shading(halves)
+    shone = make_shone(halves) if lighted else None
     jumps = make_jumps(halves)
     jump, fuzzy, smeared = jumps.jump, jumps.fuzzy, jumps.smeared
     sharp = halves.march.sharp
@@ -176,8 +172,8 @@ def make_pieces(halves):
         return reach
 
     @wp.func
-    def quadrature(scene: Scene, here: Piece, tau: wp.vec4d, D: vec5d, front: wp.vec4d, k: int):
-        """Integrals of (s - s0) tau exp(-D), and of c tau exp(-D) where c is lit."""
+    def quadrature(scene: Scene, here: Piece, tau: wp.vec4d, D: vec5d):
+        """Integral of (s - s0) tau exp(-D)."""
         s = here.s
         depth = quartic(D, here.length)
         first = int(0)
@@ -187,7 +183,6 @@ def make_pieces(halves):
                 first += count
                 count = numbers[rule + 1]
         total = wp.float64(0.0)
-        color = wp.vec4d()
         start = wp.float64(0.0)
         reached = wp.float64(0.0)
         while reached < wp.min(depth, wp.float64(opaque)):
@@ -202,16 +197,9 @@ def make_pieces(halves):
                 node = scene.march.nodes[wp.max(i, 0)]
                 u = start + node[0] * (stop - start)
                 risen = u * (s[1] + u * (s[2] + u * s[3]))
-                weight = (stop - start) * node[1] * at(tau, u) * wp.exp(-quartic(D, u))
-                if wp.static(lighted):
-                    q = front + risen * scene.transfer.slope[k]
-                    p = here.start + u * here.d
-                    I = light(scene, p, gradient(scene, p), here.eye)
-                    color += weight * lit(scene, q, k, s[0] + risen, I)
-                else:
-                    total += weight * risen
+                total += (stop - start) * node[1] * at(tau, u) * wp.exp(-quartic(D, u)) * risen
             start = stop
-        return total, color
+        return total
 
     @wp.func
     def piece(scene: Scene, given: Piece, k: int):
@@ -239,11 +227,8 @@ def make_pieces(halves):
         )
         A = absorbed(wp.max(quartic(D, here.length), wp.float64(0.0)))
         segment = A * front
-        if wp.static(lighted):
-            _moment, segment = quadrature(scene, here, tau, D, front, k)
-        elif slope[0] != wp.float64(0.0) or slope[1] != wp.float64(0.0) or slope[2] != wp.float64(0.0):
-            moment, _color = quadrature(scene, here, tau, D, front, k)
-            segment += moment * slope
+        if slope[0] != wp.float64(0.0) or slope[1] != wp.float64(0.0) or slope[2] != wp.float64(0.0):
+            segment += quadrature(scene, here, tau, D) * slope
             if k > 0 and k < scene.transfer.knot.shape[0] - 1:
                 # Of colours between those of its ends.
                 for n in range(3):
@@ -297,7 +282,7 @@ def make_pieces(halves):
                     part.s = moved(s, start)
                     part.length = stop - start
                     added = piece(scene, part, m)
-                    if wp.static(lanes or bounded):
+                    if wp.static(halves.light is not None):
                         h = wp.float64(0.5) * part.length
                         c = moved(part.s, h)
                         terms = wp.vec4d(c[0], h * c[1], h * h * c[2], h * h * h * c[3])
@@ -311,7 +296,7 @@ def make_pieces(halves):
                             cubic.eye = part.eye
                             cubic.m = terms
                             cubic.length = part.length
-                            cubic.T = wp.float64(1.0) - segment[3]
+                            cubic.T = here.T * (wp.float64(1.0) - segment[3])
                             added = shone(scene, cubic, m, added)
                     if wp.static(sharp):
                         error += smeared(scene, m, part.length, added[3], blur)

