@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from threading import Event
+from time import sleep
 
 import numpy as np
 import pytest
@@ -145,6 +146,32 @@ def test_what_is_not_read_is_in_the_bound(known, method, budget):
             assert image.stats["bytes_read"] < 3000 + 8 * 512 and image.stats["bricks_unread"] > 0
         else:
             assert image.error_bound.max() < 1e-6 and image.stats["bricks_unread"] == 0
+
+
+@pytest.mark.parametrize("method", METHODS[1:], ids=repr)
+def test_what_is_read_for_so_many_bytes_is_of_no_timing(known, monkeypatch, method):
+    """Whether reading takes longer than rendering, or the other way round."""
+    images = []
+    for slow, name in ((stored.StoredVolume, "region"), (streamed.Streamed, "cast")):
+        with monkeypatch.context() as patch:
+            patch.setattr(slow, name, later(getattr(slow, name)))
+            tf = TF if method is SURFACES else SPAN
+            images.append(wvr.render(known, tf, VIEWS[0], SIZE, integrator=method, lighting=False, budget="3 kB"))
+    one, other = images
+    assert np.array_equal(one.rgba, other.rgba) and np.array_equal(one.error_bound, other.error_bound)
+    for name in ("bricks_rendered", "bricks_unread", "blocks_read", "blocks_read_again", "bytes_read"):
+        assert one.stats[name] == other.stats[name]
+    assert one.stats["bricks_rendered"] >= 2
+
+
+def later(function):
+    """It, after a while."""
+
+    def slow(*arguments, **options):
+        sleep(3e-3)
+        return function(*arguments, **options)
+
+    return slow
 
 
 @pytest.mark.parametrize(("seed", "method"), [(3, wvr.Projection("min")), (50, wvr.Certified(1e-3))], ids=repr)

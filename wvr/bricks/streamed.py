@@ -192,7 +192,7 @@ class Streamed:
         self, blocks: BrickReader, image: Any, order: list[Index], allowance: Allowance, ends: Callable[[], bool]
     ) -> Iterator[tuple[Index, bool | None]]:
         """Look into bricks in an order, as long as the allowance does not end: each, and whether it could be read, None
-        where no ray needs it.
+        where no ray needs it. Where bytes are counted none is read ahead, so that what is read is of no timing.
         """
         for n, index in enumerate(order):
             rect = self.wanted(image, index)
@@ -203,7 +203,8 @@ class Streamed:
                     return
                 try:
                     with allowance.work("brick"):
-                        self.ahead(blocks, image, order[n : n + FEW], needed)
+                        if allowance.bytes is None:
+                            self.ahead(blocks, image, order[n : n + FEW], needed)
                         read = self.cast(blocks, image, index, rect, needed, until=allowance.left)
                 except TimeoutError:
                     return
