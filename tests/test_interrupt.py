@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
 
 import numpy as np
 import pytest
@@ -147,6 +148,29 @@ start = time.monotonic()
 wvr.render(volume, tf, camera, (4, 4), **slow)
 assert time.monotonic() - start < 8
 """)
+
+
+def lets_go(*_):
+    """As h5py lets go of something while it reads: what is raised where that is noticed is lost."""
+    thing = Lock()
+    noticed = weakref.ref(thing, lambda _: os.kill(os.getpid(), signal.SIGINT))
+    del thing
+    assert noticed() is None
+    time.sleep(0.5)
+    return np.zeros((2, 2, 2))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_ctrl_c_while_samples_are_read(tmp_path, monkeypatch):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["a"] = np.zeros((2, 2, 2))
+    monkeypatch.setattr(h5py.Dataset, "read_direct", lets_go)
+    monkeypatch.setattr(h5py.Dataset, "__array__", lets_go)
+    with pytest.raises(KeyboardInterrupt):
+        wvr.read(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5") as file, pytest.raises(KeyboardInterrupt):
+        wvr.as_volume(file["a"])
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")

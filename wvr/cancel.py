@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from math import inf
 from time import perf_counter
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
 from weakref import WeakSet
 
+T = TypeVar("T")
 # How often a waiting thread looks whether its frame is cancelled [s].
 POLL = 0.02
 
@@ -68,6 +70,12 @@ def check_cancelled() -> None:
     event = cancel.get()
     if event is not None and event.is_set():
         raise Cancelled("cancel was set")
+
+
+def aside(work: Callable[..., T], *arguments: Any) -> T:
+    """What some work comes to, in a thread of its own: Ctrl-C is lost where h5py lets go of something."""
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(work, *arguments).result()
 
 
 class Lock:

@@ -6,12 +6,14 @@ import errno
 import os
 import warnings
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .cancel import aside
 from .copied import Copied, has_memory
 from .field.base import Field
 from .io.conventions import PLAIN, Meaning, meaning_of, meaning_of_zarr
@@ -218,7 +220,7 @@ def _samples(data: Any) -> Any:
             f"data must be one volume, got a {type(data).__name__} of {len(data)}: wvr.time_series renders one after "
             f"the other; in one scene there are not several yet"
         )
-    array = any_array(data, "data", masks=True)
+    array = aside(partial(any_array, data, "data", masks=True))
     if array.dtype.kind not in "biufc":
         raise TypeError(
             f"data must be a Volume, a path, an array of numbers, an xarray or a PyVista dataset, got "

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cancel import aside
 from ..samples import Grid, Unsupported
 from .bytes import Flaw, corrupt, empty, needs, opened
 from .conventions import meaning_of, text_of
@@ -36,7 +37,7 @@ def read_hdf5(path: Path, name: str | None) -> Grid:
         data = data_of(path, file, pick(path, None if name is None else name.strip("/"), names))
         with corrupt(path):
             array = empty(data.shape, data.dtype, path.stat().st_size, "image")
-            data.read_direct(array)
+            aside(data.read_direct, array)
             array = meaning_of(data.attrs, data.dtype, data.fillvalue).all_values(array)
             axes = spatial(names_of_axes(data) or [""] * array.ndim)
             array = array.transpose([n for n in range(array.ndim) if n not in axes] + axes)
