@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+from collections import Counter
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -77,12 +78,13 @@ def write_page(folder: Path, studies: Sequence[tuple[Study, dict[str, dict[str, 
         made = [record for record in records.values() if record]
         if not made:
             continue
-        facts = made[-1]["machine"]
-        lines += ["", f"## {study.title}", "", f"`{made[-1]['command']}` on {facts['cpu']}, {facts['cores']} threads, "
-                  f"commit {facts['commit']}, {facts['date'][:10]}."]  # fmt: skip
+        most = Counter(map(_how, made)).most_common(1)[0][0]
+        lines += ["", f"## {study.title}", "", f"`wvr study {study.name}` on {most}."]
         for part in study.parts.values():
             if record := records[part.name]:
                 lines += ["", f"### {part.title}", "", part.what]
+                if (how := _how(record)) != most:
+                    lines += ["", f"`wvr study {study.name}/{part.name}` on {how}."]
                 if claim := study.claim(part.name):
                     lines += ["", f"> {claim['where']}: {claim['says']}"]
                     if "verdict" in claim:
@@ -97,6 +99,12 @@ def write_page(folder: Path, studies: Sequence[tuple[Study, dict[str, dict[str, 
     page = folder / "index.md"
     write_text(page, "\n".join(lines) + "\n")
     return page
+
+
+def _how(record: dict[str, Any]) -> str:
+    """On what, by which commit and when something was measured."""
+    facts = record["machine"]
+    return f"{facts['cpu']}, {facts['cores']} threads, commit {facts['commit']}, {facts['date'][:10]}"
 
 
 def _study(out: Path, study: Study, records: dict[str, dict[str, Any]]) -> str:

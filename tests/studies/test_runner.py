@@ -168,6 +168,13 @@ def test_whole_results_are_recorded(tmp_path, study, monkeypatch):
     assert (tmp_path / "docs" / "made-up" / "table" / "table.csv").read_text().startswith("x,error")
     runner.run([study], tmp_path / "quick", quick=True)
     assert runner.record(tmp_path / "quick").read_text() == page
+    # What was measured at another commit says so.
+    then = runner.machine()
+    monkeypatch.setattr(runner, "machine", lambda: then | {"commit": "89abcde"})
+    runner.run([study], tmp_path / "out", resume=True)
+    page = runner.record(tmp_path / "out").read_text()
+    assert page.count("commit 1234567") == page.count("commit 89abcde") == 1
+    assert page.index("### Table 2") < page.index("`wvr study made-up/other` on ") < page.index("commit 89abcde")
 
 
 def test_the_report_needs_nothing_else(results):
