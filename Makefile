@@ -5,7 +5,7 @@ unexport PYTHONDONTWRITEBYTECODE
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo demo-cluster test fuzz cuda lint bench studies docs release clean
+.PHONY: demo demo-cluster test test-evidence fuzz cuda lint bench studies docs release clean
 
 demo: .venv/wvr
 	$(BIN)/python -m studies.demo
@@ -13,8 +13,14 @@ demo: .venv/wvr
 demo-cluster: .venv/ready
 	$(BIN)/python -m studies.demo_cluster
 
+PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+
 test: .venv/ready
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+	$(PYTEST) --ignore tests/evidence
+
+# Of studies and benchmarks, each run in small.
+test-evidence: .venv/ready
+	$(PYTEST) tests/evidence
 
 fuzz: .venv/ready
 	$(BIN)/python -m tests.fuzz --minutes $(or $(MINUTES),10)

@@ -23,8 +23,8 @@ def devices() -> list[str]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files of a few long tests first, so that no worker is left with one at the end."""
-    items.sort(key=lambda item: "studies" not in item.path.parts and item.path.name != "test_browser.py")
+    """A file of a few long tests first, so that no worker is left with it at the end."""
+    items.sort(key=lambda item: item.path.name != "test_browser.py")
 
 
 @pytest.fixture(params=devices())

@@ -14,7 +14,7 @@ from studies.base import harness, reference
 from studies.base.harness import Row, Settings, Time
 from studies.base.peer import NotAvailableError
 
-from .helpers import max_error
+from ..helpers import max_error
 
 
 def clock(seconds):
