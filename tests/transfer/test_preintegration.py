@@ -139,10 +139,10 @@ def test_material_coefficients_against_quadrature(device, precision, tolerance, 
 
 def test_published_weighting_loses_digits_and_moments_do_not(device):
     """Section 4.3 of Lum et al. subtracts i times an entry from a globally weighted one; far from 0 that cancels."""
-    n = 2048
+    n = 1024
     tf = wvr.TransferFunction.from_arrays(np.linspace(0, 1, 64), np.full((64, 3), 0.7), np.full(64, 0.5))
     exact = wvr.preintegrate(tf, n, weights="lighting", precision="float64", device=device)
-    band = tuple(np.array([(i, i + r) for i in range(1900, 2000) for r in (1, 2, 3, 4)]).T)
+    band = tuple(np.array([(i, i + r) for i in range(900, 1000) for r in (1, 2, 3, 4)]).T)
     errors = {}
     for weights in ("lighting", "lum"):
         table = wvr.preintegrate(tf, n, weights=weights, device=device)
