@@ -371,7 +371,7 @@ def test_a_kept_renderer_of_bricks_sees_what_changed(monkeypatch):
         look(camera)
         kept.integrator = wvr.Projection("mean")
         look(camera)
-        kept.integrator = wvr.Certified(1 / 256)
+        kept.integrator, kept.clip = wvr.Certified(1 / 256), wvr.ClipPlane((6, 6, 6), (1, 1, 0))
         kept.segmentation = wvr.Segmentation(labels, {1: GENTLE, 2: other})
         look(camera)
         labels.numpy()[:] = np.roll(labels.numpy(), 1)

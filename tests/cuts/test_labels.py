@@ -359,7 +359,11 @@ def test_what_is_written_into_labels_of_any_dtype_is_seen(blobs):
     assert np.array_equal(after.rgba, fresh.rgba) and not np.array_equal(before.rgba, after.rgba)
 
 
-@pytest.mark.parametrize("options", [{}, {"memory_limit": "1 GiB"}], ids=["whole", "bricks"])
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"memory_limit": "1 GiB", "clip": wvr.ClipPlane((16, 16, 16), (1, 1, 0))}],  # cut as other bricks of labels
+    ids=["whole", "bricks"],
+)
 def test_labels_that_are_written_out_of_range_or_beyond_their_dtype(blobs, options):
     """What is no label is said in each frame until it is mended; more labels than before are seen."""
     labels = layers(blobs.shape, np.array([1.0, 0, 0]), 15.5).astype(np.int64)

@@ -43,11 +43,11 @@ def halves(n):
 CUTS = {
     "plane": lambda turn, at: {"clip": wvr.ClipPlane(at, turn[:, 0])},
     "inverted plane": lambda turn, at: {"clip": wvr.ClipPlane(at, turn[:, 0], invert=True)},
-    "iso": lambda turn, at: {"clip": wvr.ClipVolume(framed(np.indices((9, 9, 9))[2] - 4.0, turn, at), 0.0)},
+    "iso": lambda turn, at: {"clip": wvr.ClipVolume(framed(np.indices((9, 9, 9), np.uint8)[2], turn, at), 4.0)},
     "steps": lambda turn, at: {"clip": wvr.ClipVolume(framed(halves(10), turn, at), 0.5)},
     "mask": lambda turn, at: {"clip": wvr.ClipVolume(framed(halves(10), turn, at - turn[:, 0] / 2), 1.0)},
-    "bottom": lambda turn, at: {"clip": wvr.ClipVolume(framed(-halves(10) * 1.0, turn, at + turn[:, 0] / 2), 0.0)},
-    "face": lambda turn, at: {"clip": wvr.ClipVolume(framed(np.ones((9, 9, 9)), turn, at + 4 * turn[:, 0]), 0.5)},
+    "bottom": lambda turn, at: {"clip": wvr.ClipVolume(framed(1 - halves(10), turn, at + turn[:, 0] / 2), 1.0)},
+    "face": lambda turn, at: {"clip": wvr.ClipVolume(framed(np.ones((9, 9, 9), np.uint8), turn, at + 4 * turn[:, 0]), 0.5)},
     "labels": lambda turn, at: {"segmentation": wvr.Segmentation(halves(8), {1: THICK}, other=THIN)},
     "transparent labels": lambda turn, at: {"segmentation": wvr.Segmentation(halves(8), {1: THICK})},
 }
@@ -127,13 +127,13 @@ def test_rays_that_cross_pay_nothing(seed):
     volume = centered(np.full((9, 9, 9), 100, np.uint8), 1 + rng.random(3))
     camera = wvr.Camera.fit(volume, rng.normal(size=3), rng.normal(size=3), parallel=bool(rng.random() < 0.5))
     center = middle(volume)
-    field = centered(rng.random((7, 8, 9)), 1.5 + rng.random(3))
+    field = centered(rng.integers(0, 256, (7, 8, 9), np.uint8), 1.5 + rng.random(3))
     labels = rng.integers(0, 3, (9, 9, 9), np.uint8)
     plain = wvr.render(volume, THIN, camera, (16, 16), tolerance=TOLERANCE, precision="float64")
     for options in (
         {"clip": [wvr.ClipPlane(center + rng.normal(size=3), rng.normal(size=3)), wvr.ClipSphere(center, 5.0)]},
         {"clip": wvr.ClipBox(center - rng.uniform(1, 5, 3), center + rng.uniform(1, 5, 3), invert=True)},
-        {"clip": wvr.ClipVolume(field, 0.5)},
+        {"clip": wvr.ClipVolume(field, 127.5)},
         {"segmentation": wvr.Segmentation(labels, {1: THIN, 2: THIN.scaled(1)}, other=THIN)},
     ):
         tf = None if "segmentation" in options else THIN

@@ -36,7 +36,7 @@ def assert_bounded(scene, tolerance, precision):
 @pytest.mark.parametrize("name", KINDS)
 @pytest.mark.parametrize(("tolerance", "precision"), [(0.1, "float32"), (1e-3, "auto"), (1e-5, "float64")])
 def test_certified_images_are_within_their_bounds(name, tolerance, precision):
-    scenes = [adversary(name, seed) for seed in range(2, 4)]
+    scenes = [adversary(name, seed) for seed in range(1, 3)]
     assert sum(assert_bounded(scene, tolerance, precision) for scene in scenes) > 0
 
 

@@ -199,19 +199,19 @@ def test_clips_labels_and_skipping():
 @pytest.mark.filterwarnings("ignore:nothing is visible")
 def test_where_rounding_decides_the_bound_says_so():
     """Rays that touch a surface, begin in one or run along a face that lies in one; others cross one face to face."""
-    x = np.arange(9.0) - 4
+    x = np.abs(np.arange(-4, 5)).astype(np.uint8)
     parabola = centered(np.broadcast_to(x**2, (9, 9, 9)).copy())
     sideways = wvr.Camera((0, 0, 30), (0, 0, 0), up=(0, 1, 0), parallel_scale=1.5)
     touched = wvr.render(parabola, RED, sideways, (3, 3), lighting=False, integrator=wvr.Isosurface(1.0))
     # Rays in the plane x = 1, where all samples are 1.
     assert np.all(touched.error_bound[:, [0, 2]] >= 1) and np.all(touched.error_bound[:, 1] < 1e-6)
     # Across samples that are all at the level: one crossing, and no doubt.
-    ramp = centered(np.broadcast_to(x[:, None, None], (9, 9, 9)).copy())
-    through = wvr.render(ramp, RED, sideways, (3, 3), lighting=False, integrator=wvr.Isosurface(0.0))
+    ramp = centered(np.indices((9, 9, 9), np.uint8)[0])
+    through = wvr.render(ramp, RED, sideways, (3, 3), lighting=False, integrator=wvr.Isosurface(4.0))
     assert np.all(through.rgba[..., 3] == 1) and np.all(through.error_bound < 1e-6)
     assert np.abs(through.depth() - 30).max() < 1e-12
     # A valley whose bottom is at the level.
-    valley = centered(np.broadcast_to(np.abs(x)[:, None, None], (9, 9, 9)).copy())
+    valley = centered(np.broadcast_to(x[:, None, None], (9, 9, 9)).copy())
     bottom = wvr.render(valley, RED, sideways, (3, 3), lighting=False, integrator=wvr.Isosurface(0.0))
     assert np.all(bottom.error_bound >= 1)
     # A surface where a clip cuts.
@@ -222,7 +222,7 @@ def test_where_rounding_decides_the_bound_says_so():
             sideways,
             (3, 3),
             lighting=False,
-            integrator=wvr.Isosurface(0.0),
+            integrator=wvr.Isosurface(4.0),
             clip=wvr.ClipPlane((0, 0, place), (0, 0, -1)),
         )
         assert np.all((cut.error_bound >= least) & (cut.error_bound <= most)), place

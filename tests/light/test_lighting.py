@@ -156,7 +156,7 @@ def test_light_fades_continuously_with_the_gradient():
 
 def test_materials(blobs):
     """Coefficients of the transfer function multiply those of the light, and vary with the scalar."""
-    camera = wvr.Camera.fit(blobs)
+    volume, camera = wvr.Volume(blobs.numpy().astype(np.float32), blobs.spacing), wvr.Camera.fit(blobs)
     arrays = ([0, 102, 255], [[0.9, 0.1, 0.3], [0.5, 0.5, 0.1], [0.1, 0.6, 1.0]], [0.02, 0.2, 0.5])
     plain = wvr.TransferFunction.from_arrays(*arrays)
     even = wvr.TransferFunction.from_arrays(*arrays, ambient=[0.5] * 3, diffuse=[0.25] * 3, specular=[2.0] * 3)
@@ -166,7 +166,7 @@ def test_materials(blobs):
 
     def image(tf, integrator, **lighting):
         return wvr.render(
-            blobs, tf, camera, (32, 32), integrator=integrator, termination=0, lighting=wvr.Lighting(**lighting)
+            volume, tf, camera, (32, 32), integrator=integrator, termination=0, lighting=wvr.Lighting(**lighting)
         )
 
     scaled = {"ambient": 0.1, "diffuse": 0.7 * 0.25, "specular": 0.6}
