@@ -47,7 +47,9 @@ CUTS = {
     "steps": lambda turn, at: {"clip": wvr.ClipVolume(framed(halves(10), turn, at), 0.5)},
     "mask": lambda turn, at: {"clip": wvr.ClipVolume(framed(halves(10), turn, at - turn[:, 0] / 2), 1.0)},
     "bottom": lambda turn, at: {"clip": wvr.ClipVolume(framed(1 - halves(10), turn, at + turn[:, 0] / 2), 1.0)},
-    "face": lambda turn, at: {"clip": wvr.ClipVolume(framed(np.ones((9, 9, 9), np.uint8), turn, at + 4 * turn[:, 0]), 0.5)},
+    "face": lambda turn, at: {
+        "clip": wvr.ClipVolume(framed(np.ones((9, 9, 9), np.uint8), turn, at + 4 * turn[:, 0]), 0.5)
+    },
     "labels": lambda turn, at: {"segmentation": wvr.Segmentation(halves(8), {1: THICK}, other=THIN)},
     "transparent labels": lambda turn, at: {"segmentation": wvr.Segmentation(halves(8), {1: THICK})},
 }

@@ -47,7 +47,7 @@ def noise():
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_homogeneous_slab_takes_a_segment_a_cell(device, precision, axis):
     spacing = np.array([0.7, 1.3, 2.9])
-    volume = centered(np.full((20, 20, 20), 3.0, np.float32), spacing)
+    volume = centered(np.full((20, 20, 20), 3.0), spacing)
     tf = wvr.TransferFunction([(0, (0.2, 0.5, 1.0), 0.11), (9, (0.2, 0.5, 1.0), 0.11)], unit_distance=2.0)
     for sign in (1, -1):
         image = render(volume, tf, along(axis, sign), (3, 3), precision=precision, device=device)

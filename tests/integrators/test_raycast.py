@@ -473,7 +473,7 @@ def test_pre_integration_converges_where_a_field_stays_at_a_jump(scale, dtype):
 @pytest.mark.parametrize("jump", [np.nextafter(1.0, 2.0), 1 + 1e-14])
 def test_a_jump_right_beyond_all_samples_is_not_seen(jump):
     """It is no entry of tables, whose last is the largest sample: that would have the colours behind the jump."""
-    samples = np.ones((6, 6, 6), np.float32)
+    samples = np.ones((6, 6, 6))
     samples[0] = 0
     volume = wvr.Volume(samples)
     tf = wvr.TransferFunction([(0, "red", 0.1), (jump, "red", 0.1), (jump, "lime", 0.6), (2, "lime", 0.6)])
