@@ -291,13 +291,13 @@ def test_a_flat_cubic_at_control_points_is_left_to_others(lone):
     data[:, :, 2] = 0
     data[0, 0, 2], data[1, 1, 2] = 0.5, -0.5
     wide, at = 3.11e-6, 1.7e-7
-    knots = [-0.5, *(at + np.arange(5) * wide), 0.5]
+    knots = 8 * np.array([-0.5, *(at + np.arange(5) * wide), 0.5]) + 4
     colors = [(0, 0, 1), (1, 0, 1), (0, 0, 0), (0, 0, 0), (0, 0, 0), (0, 1, 0), (1, 0, 0)]
     opacities = [1e-6, 1e-6, 1e-6, 0.8, 1e-6, 1e-6, 1e-6]
     tf = wvr.TransferFunction.from_arrays(knots, colors, opacities, 1 / 2.7)
     middle = np.full(3, 0.5)
     camera = wvr.Camera(middle - 8, middle, (0, 0, 1), parallel_scale=1e-3)
-    volume = wvr.Volume(data.astype("float32"))
+    volume = wvr.Volume((8 * data + 4).astype("uint8"))
     exact = wvr.render(volume, tf, camera, (3, 3), integrator=wvr.Exact())
     image = wvr.render(volume, tf, camera, (3, 3), tolerance=0.16)
     error = np.abs(image.rgba.astype(float) - exact.rgba).max(axis=2)
