@@ -234,9 +234,9 @@ def test_a_coarse_level_stands_in_within_the_bound(budget):
 def test_blocks_whose_edges_no_ray_meets_are_not_read(camera, monkeypatch):
     """With few rays fewer than are visible; the same image as with all of them."""
     volume = wvr.build_ranges(opened(DATA))
-    image = wvr.render(volume, TF, camera, (3, 2), tolerance=TOLERANCE, precision="float64")
+    image = wvr.render(volume, TF, camera, (3, 2), tolerance=TOLERANCE)
     monkeypatch.setattr(Pieces, "needed", lambda *_: None)
-    every = wvr.render(volume, TF, camera, (3, 2), tolerance=TOLERANCE, precision="float64")
+    every = wvr.render(volume, TF, camera, (3, 2), tolerance=TOLERANCE)
     assert image.stats["blocks_read"] < every.stats["blocks_read"]
     np.testing.assert_allclose(image.rgba, every.rgba, atol=1e-12)
 
@@ -699,7 +699,7 @@ def test_doubts_at_outer_faces_are_those_of_the_whole(gone, monkeypatch):
         volume = wvr.build_ranges(stored.StoredVolume(wvr.open(field).samples, (1, 1, 1), origin, direction))
         if gone:
             volume.samples = dataclasses.replace(volume.samples, array=Gone(field))
-        options = {"tolerance": 1e-4 if gone else 1e-2, "precision": "float64"}
+        options = {"tolerance": 1e-4 if gone else 1e-2}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             expected = wvr.render(whole, tf, camera, (5, 5), **options)
