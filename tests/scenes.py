@@ -49,7 +49,7 @@ def volumes() -> dict[str, wvr.Volume]:
         "far": centered((1e12 + rng.random((9, 17, 12))).astype(np.float64)),
         "holes": wvr.Volume(holes, nan="transparent"),
         "thin": centered(rng.integers(0, 256, (1, 24, 30), np.uint8)),
-        "one cell": centered(rng.random((2, 2, 2)).astype(np.float32)),
+        "one cell": centered(rng.random((2, 2, 2))),
         "mask": centered((rng.random((12, 11, 13)) < 0.3).astype(np.uint8)),
     }
 
