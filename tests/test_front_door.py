@@ -97,6 +97,9 @@ def test_keywords_of_other_libraries_say_what_to_write(grid, keyword):
     ("call", "message"),
     [
         (lambda v: wvr.render(v, tolerence=0.1), "'tolerence'; did you mean 'tolerance'?"),
+        (lambda v: wvr.render(v, tol=0.1), "'tol'; did you mean 'tolerance'?"),
+        (lambda v: wvr.render(v, budget="fast"), "budget must be seconds or a text such as \"500 MB\", got 'fast'"),
+        (lambda v: wvr.render(v, memory_limit=np.int64(9)), "memory_limit must be at least 1048576 bytes, got"),
         (lambda v: next(wvr.orbit(v, cmap="viridis")), "orbit has no keyword 'cmap'; give the colour map"),
         (lambda v: wvr.time_series([v], lightning=True), "'lightning'; did you mean 'lighting'?"),
         (lambda v: v.to_pyvista().wvr.render(shade=True), "render has no keyword 'shade'; say lighting=True"),

@@ -68,15 +68,19 @@ class OrbitOptions(SeriesOptions, total=False):
     turn: float
 
 
+MAPPED = 'give the colour map, its name or a list of colours as the transfer function: wvr.render(data, "viridis")'
 MAP = "make a transfer function, wvr.TransferFunction.from_colormap(cmap, clim, opacity, {})"
 ARRAY = "say it with the array: wvr.as_volume(array, {})"
 LIGHT = "say lighting=wvr.Lighting({})"
 PLOT = "image.plot({}) draws around an image, and returns Matplotlib's axes to draw more"
 WINDOW = "rendering opens no window: image.show() does, image.save(path) writes a file"
+SIZE = "say size=(width, height)"
 STEP = "say integrator=wvr.Riemann(step), or tolerance= for an error"
 # Of PyVista's add_volume, plotters and show, and of others: what to write here.
 ELSEWHERE = {
-    "cmap": 'give the colour map, its name or a list of colours as the transfer function: wvr.render(data, "viridis")',
+    "cmap": MAPPED,
+    "colormap": MAPPED,
+    "tf": "the transfer function is the second argument: wvr.render(data, tf)",
     "shade": "say lighting=True",
     "blending": 'say integrator=wvr.Projection("max"), or "min", "mean" or "sum"; without it, emission and absorption',
     "projection": 'say integrator=wvr.Projection("max"), or "min", "mean" or "sum"',
@@ -111,7 +115,9 @@ ELSEWHERE = {
     "reset_camera": "what is visible fills the frame unless there is a camera=",
     "render": WINDOW,
     "user_matrix": "say it with the volume: wvr.Volume(array, spacing, origin, direction)",
-    "window_size": "say size=(width, height)",
+    "window_size": SIZE,
+    "width": SIZE,
+    "height": SIZE,
     "cpos": 'say camera="iso", or camera=[position, focal point, up]',
     "camera_position": 'say camera="iso", or camera=[position, focal point, up]',
     "color": "colours are of scalars: wvr.render(data, ['black', 'red'])",

@@ -202,7 +202,9 @@ def near(given: Any, accepted: Sequence[Any]) -> str:
     names = {str(name).lower(): name for name in accepted if isinstance(name, str)}
     tried = (given.lower(), given.lower().replace("_", "-"))
     found = [match for one in tried for match in get_close_matches(one, names, 1, 0.65)]
-    found += [name for name in names if len(name) > 2 and given.lower().startswith(name)]  # "maximum" of "max"
+    # "maximum" of "max", and "tol" of "tolerance".
+    pairs = [(name, one) for name in names for one in tried if min(len(name), len(one)) > 2]
+    found += [name for name, one in pairs if one.startswith(name) or name.startswith(one)]
     return f"; did you mean {names[found[0]]!r}?" if found else ""
 
 

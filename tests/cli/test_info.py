@@ -96,7 +96,7 @@ def test_bare_samples_and_times(run, tmp_path):
     np.savez("two.npz", a=times[0], b=times[1])
     for arguments, message in {
         "info times.npy": "times.npy holds 2 volumes (time): pick one with --frame, from 0 to 1",
-        "info a.raw": "a.raw has an unknown extension",
+        "info a.raw": "a.raw holds bare samples, and does not say how many",
         "info a.raw --shape 3,4,5": "--shape and --dtype are for bare samples, and go together",
         "info a.raw --shape 3,4,5 --dtype no": "--dtype must be a type of numbers",
         "info a.raw --shape 3,4,0 --dtype u2": "--shape must be three integers > 0, NZ,NY,NX, got '3,4,0'",

@@ -7,6 +7,8 @@ import sys
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from ..validation import choice, positive, real
 
 Missing = Literal["error", "bound"]
@@ -52,7 +54,7 @@ class Reading:
             raise ValueError(f"memory_limit must be at least {LEAST} bytes, got {memory_limit!r}")
         seconds = bytes_ = None
         if isinstance(budget, str):
-            bytes_ = parsed_bytes(budget, "budget")
+            bytes_ = parsed_bytes(budget, "budget", 'seconds or a text such as "500 MB"')
         elif budget is not None:
             seconds = real(budget, "budget", 'seconds or a text such as "500 MB"')
             seconds = seconds and positive(budget, "budget")
@@ -90,7 +92,7 @@ def active_client() -> Any:
     return client if usable and client.scheduler_info(n_workers=-1)["workers"] else None
 
 
-def parsed_bytes(given: Any, name: str) -> int:
+def parsed_bytes(given: Any, name: str, what: str = 'bytes, a number or a text such as "4 GiB"') -> int:
     """Bytes, as a number or a text such as ``"4 GiB"``."""
     if isinstance(given, str):
         match = re.fullmatch(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([kmgt]?i?)b?\s*", given.lower())
@@ -99,6 +101,6 @@ def parsed_bytes(given: Any, name: str) -> int:
                 return int(float(match[1]) * UNITS[match[2]])
             except (ValueError, OverflowError):
                 pass
-    elif isinstance(given, int | float) and not isinstance(given, bool) and given > 0 and given < 2**63:
+    elif isinstance(given, int | float | np.number) and not isinstance(given, bool) and given > 0 and given < 2**63:
         return int(given)
-    raise ValueError(f'{name} must be bytes, a number or a text such as "4 GiB", got {given!r}')
+    raise ValueError(f"{name} must be {what}, got {given!r}")

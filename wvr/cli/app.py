@@ -6,7 +6,7 @@ import os
 import sys
 import warnings
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, UnusedCliTokensError
 
 from .. import __version__
 from .info import info
@@ -37,6 +37,9 @@ def main() -> int:
         # Whoever reads has enough; Python flushes once more at the end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except UnusedCliTokensError as error:
+        rest = " ".join(error.unused_tokens or ())
+        return _failed(ValueError(f"nothing takes {rest!r}; several numbers are one argument, as in --clim 0,255"), 2)
     except (CycloptsError, ValueError, TypeError) as error:
         return _failed(error, 2)
     except (OSError, MemoryError, ImportError) as error:

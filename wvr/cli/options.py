@@ -56,8 +56,8 @@ def numbers(text: str, option: str, example: str) -> tuple[Any, ...]:
         numbers = tuple(float(part) for part in text.split(","))
     except ValueError:
         numbers = ()
-    if len(numbers) != example.count(",") + 1:
-        raise ValueError(f"{option} must be numbers such as {example}, got {text!r}")
+    if len(numbers) != (count := example.count(",") + 1):
+        raise ValueError(f"{option} must be {count} numbers such as {example}, got {text!r}")
     return numbers
 
 
@@ -102,6 +102,8 @@ def shadows_of(text: str) -> ConvolutionShadows | bool:
 
     if text == "headlight":
         return ConvolutionShadows()
+    if not re.match(r"[-+.\d]", text):
+        raise ValueError(f"--shadows must be on, off, headlight or a direction towards a light, 1,2,3, got {text!r}")
     return ConvolutionShadows(light=DirectionalLight(numbers(text, "--shadows", "1,2,3")))
 
 

@@ -209,6 +209,7 @@ OTHER_GRIDS = {
     ".vtu": "unstructured grid",
     ".vtp": "surface",
 }
+BARE = (".raw", ".bin", ".dat")
 
 
 def _unnamed(path: Path, scalars: str) -> ValueError:
@@ -224,6 +225,11 @@ def _reader(path: Path) -> Format:
         return READERS[".dcm"]
     if path.suffix.lower() in OTHER_GRIDS:
         raise ValueError(f"{path} holds a {OTHER_GRIDS[path.suffix.lower()]}; {RESAMPLE}")
+    if path.suffix.lower() in BARE:
+        raise ValueError(
+            f"{path} holds bare samples, and does not say how many: wvr.read_raw(path, (nz, ny, nx), dtype) reads it, "
+            f"on the command line --shape NZ,NY,NX --dtype uint16"
+        )
     raise ValueError(
         f"{path} has an unknown extension; accepted are {', '.join(READERS)}, DICOM under any name, and folders of "
         f"TIFF, PNG, JPEG, BMP or DICOM slices; bare samples: wvr.read_raw (wvr render --shape --dtype); netCDF 4 and "
