@@ -165,12 +165,28 @@ def test_ctrl_c_while_samples_are_read(tmp_path, monkeypatch):
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["a"] = np.zeros((2, 2, 2))
-    monkeypatch.setattr(h5py.Dataset, "read_direct", lets_go)
-    monkeypatch.setattr(h5py.Dataset, "__array__", lets_go)
+    with h5py.File(tmp_path / "a.h5") as file:
+        data = file["a"]
+        for name in ("read_direct", "__array__", "__getitem__"):
+            monkeypatch.setattr(h5py.Dataset, name, lets_go)
+        for read in (
+            lambda: wvr.read(tmp_path / "a.h5"),
+            lambda: wvr.as_volume(data),
+            lambda: wvr.Volume(data),
+            lambda: wvr.Segmentation(data, {}),
+            lambda: wvr.open(data).loaded(),
+        ):
+            with pytest.raises(KeyboardInterrupt):
+                read()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_ctrl_c_while_xarray_reads(monkeypatch):
+    xarray = pytest.importorskip("xarray")
+    array = xarray.DataArray(np.zeros((2, 2, 2)), dims=("z", "y", "x"))
+    monkeypatch.setattr(xarray.Variable, "data", property(lets_go))
     with pytest.raises(KeyboardInterrupt):
-        wvr.read(tmp_path / "a.h5")
-    with h5py.File(tmp_path / "a.h5") as file, pytest.raises(KeyboardInterrupt):
-        wvr.as_volume(file["a"])
+        wvr.as_volume(array)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
 from math import inf
 from time import perf_counter
 from types import FrameType
@@ -73,9 +73,11 @@ def check_cancelled() -> None:
 
 
 def aside(work: Callable[..., T], *arguments: Any) -> T:
-    """What some work comes to, in a thread of its own: Ctrl-C is lost where h5py lets go of something."""
+    """What some work comes to, not in the main thread: Ctrl-C comes there, and is lost where h5py lets go of things."""
+    if threading.current_thread() is not threading.main_thread():
+        return work(*arguments)
     with ThreadPoolExecutor(1) as thread:
-        return thread.submit(work, *arguments).result()
+        return thread.submit(copy_context().run, work, *arguments).result()
 
 
 class Lock:

@@ -6,7 +6,6 @@ import errno
 import os
 import warnings
 from difflib import get_close_matches
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -220,7 +219,7 @@ def _samples(data: Any) -> Any:
             f"data must be one volume, got a {type(data).__name__} of {len(data)}: wvr.time_series renders one after "
             f"the other; in one scene there are not several yet"
         )
-    array = aside(partial(any_array, data, "data", masks=True))
+    array = any_array(data, "data", masks=True)
     if array.dtype.kind not in "biufc":
         raise TypeError(
             f"data must be a Volume, a path, an array of numbers, an xarray or a PyVista dataset, got "
@@ -264,7 +263,7 @@ def _from_xarray(data: xr.DataArray | xr.Dataset, name: str | None, nan: NanPoli
     array = array.transpose(*order)
     steps, starts = places([axis_of(array, dim) for dim in reversed(order)], ADVICE)
     # Once: Dask computes them, with what is masked, and what is packed is decoded, each time.
-    held = computed(array.data)
+    held = aside(lambda: computed(array.data))
     held = held if isinstance(held, np.ndarray) else np.asarray(array.values)
     volume = Volume(narrowed(_samples(held)), np.abs(steps), starts, np.diag(np.sign(steps)), nan)
     if np.may_share_memory(volume.host(), held):

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .cancel import aside
+
 # The largest integer that machines count in.
 LARGEST = 2**63 - 1
 
@@ -138,7 +140,9 @@ def any_array(values: Any, name: str, masks: bool = False) -> NDArray:
     if np.ma.is_masked(values):
         return values
     try:
-        return np.asarray(values)
+        # What has a shape and is not in memory is read.
+        held = isinstance(values, np.ndarray | np.generic) or not hasattr(values, "shape")
+        return np.asarray(values) if held else aside(np.asarray, values)
     except ValueError:
         raise TypeError(f"{name} must be an array, got a {type(values).__name__} whose rows differ in length") from None
 

@@ -401,6 +401,15 @@ def test_labels_whose_axes_have_names(blobs):
     assert np.array_equal(wvr.Segmentation(turned, {1: RED}).labels.numpy(), labels)
 
 
+def test_labels_of_hdf5(blobs, tmp_path):
+    """Whose ``dims`` are scales, and no names."""
+    h5py = pytest.importorskip("h5py")
+    labels = layers(blobs.shape, np.array([1, 2, 3.0]), 90)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["a"] = labels
+        assert np.array_equal(wvr.Segmentation(file["a"], {1: RED}).labels.numpy(), labels)
+
+
 def test_a_scene_without_labels_again(blobs):
     """One transfer function with labels and without: what is kept for one is not taken for the other."""
     labels = layers(blobs.shape, np.array([1.0, 0, 0]), 15.5)

@@ -13,6 +13,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from ..cached import cached_property
+from ..cancel import aside
 from ..field.base import Field
 from ..io.conventions import PLAIN, Meaning
 from ..keep import Keeper
@@ -234,7 +235,7 @@ class StoredVolume(Posed, Field):
         """
         where = ", ".join(f"{axis} {a} to {b}" for axis, a, b in zip("xyz", low.tolist(), high.tolist(), strict=True))
         try:
-            samples = self.samples.read(low, high)
+            samples = aside(self.samples.read, low, high)
         except Exception as error:
             way = 'missing="bound" renders without them'
             if self.samples.dtype.kind == "f" and (self.ranges is None or not self.ranges.known.all()):

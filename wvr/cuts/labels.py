@@ -178,7 +178,7 @@ def _labels(given: Any) -> Volume:
         return given
     if isinstance(given, str | PathLike) or getattr(given, "stored", False):
         raise TypeError(f"labels must be an array or a Volume in memory, as wvr.read makes of a file, got {given!r}")
-    if hasattr(given, "dims") and getattr(given, "ndim", 0) == 3:
+    if hasattr(given, "dims") and hasattr(given, "transpose") and getattr(given, "ndim", 0) == 3:
         # Of xarray, by the names of its axes, as volumes are.
         given = given.transpose(*(given.dims[axis] for axis in spatial([str(dim) for dim in given.dims])))
     array = given.numpy() if hasattr(given, "numpy") else any_array(given, "labels")
