@@ -9,7 +9,7 @@ from itertools import chain
 
 import warp as wp
 
-from ..light.points import make_shading
+from ..light.points import KINDS, Lit, make_shading, make_toward
 from ..light.shine import FEW, GOOD, MANY, MUCH, PARTS, rule
 
 vec6 = wp.types.vector(6, wp.float64)
@@ -34,12 +34,31 @@ def make_shone(halves):
     real = wp.float64
     Scene = halves.Scene
     _, _, light, _, factors, bare, towards_cut = make_shading(halves)
+    # Lights that are seen in other directions from other places of a ray.
+    kinds = (halves.light or Lit()).kinds
+    placed = any(kind not in KINDS for kind in kinds)
+    toward = make_toward(kinds)
     # Rules of FEW points to MANY, twice as many each.
     rules = [rule(n) for n in GOOD]
     nodes, shares = (wp.constant(wp.types.vector(sum(GOOD), real)(*chain(*of))) for of in zip(*rules, strict=True))
     good = wp.constant(wp.types.vector(len(GOOD), real)(*(MUCH * times for times in GOOD.values())))
     # Where a gradient along a piece is asked for, that is a cubic there: off the ends, at which it may jump.
     near, far = 0.3, 0.9
+
+    @wp.func
+    def swing(scene: Scene, c: Cubic, to: wp.vec3d):
+        """How much the direction to a light turns from the middle of a piece on."""
+        most = real(0.0)
+        shading = scene.light.shading
+        middle = shading.home + shading.ahead @ c.middle
+        out = shading.ahead @ to
+        for l in range(scene.light.lights.shape[0]):
+            here = scene.light.lights[wp.max(l, 0)]
+            way = toward(here.kind, here.vector, middle, c.eye)
+            before = toward(here.kind, here.vector, middle - out, c.eye)
+            after = toward(here.kind, here.vector, middle + out, c.eye)
+            most = wp.max(most, wp.max(wp.length(before - way), wp.length(after - way)))
+        return most
 
     @wp.func
     def shone(scene: Scene, c: Cubic, k: int, segment: wp.vec4d):
@@ -67,6 +86,8 @@ def make_shone(halves):
         least = wp.max(size - r, real(0.0))
         fades = shading.faint / (least * least + shading.faint)
         turn = wp.min(r / wp.max(size - real(0.5) * r, tiny), one)
+        if wp.static(placed):
+            turn = wp.min(turn + swing(scene, c, to), one)
         glints = one
         if shading.shininess >= one:
             glints = wp.min(real(1.6) * wp.sqrt(shading.shininess) * turn + fades, one)

@@ -11,8 +11,8 @@ from .point_light import PointLight
 RADIUS = 60.0
 CAMERA = wvr.Camera((300, 0, 0), (0, 0, 0), parallel_scale=70.0)
 SIZE = 71
-# A light that adds nothing but that it has a place, so that all is in double precision.
-UNLIT = PointLight((0.0, 0.0, 1000.0), "black")
+# A light that adds nothing but that it has a place, far away, so that all is in double precision.
+UNLIT = PointLight((0.0, 0.0, 1e9), "black")
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +57,28 @@ def test_sphere_is_lit_from_a_place(sphere, place, integrator):
     assert np.ptp(expected[seen]) > 0.4
 
 
+@pytest.mark.parametrize("integrator", [wvr.Exact(), wvr.Certified(1e-5)], ids=lambda i: type(i).__name__)
+@pytest.mark.parametrize("place", [(3.6, 3.4, 3.5), (5.0, 2.8, 5.0)])
+def test_in_a_volume_its_direction_turns_along_rays(place, integrator):
+    """Though the gradient does not: fog of one extinction against the integral along each ray, in NumPy."""
+    volume = wvr.Volume(np.indices((8, 8, 8))[0].astype(np.float32))
+    tf = wvr.TransferFunction([(0, "white", 0.1), (7, "white", 0.1)])
+    camera = wvr.Camera((30, 3.5, 3.5), (3.5, 3.5, 3.5), parallel_scale=3.0)
+    lighting = wvr.Lighting(light=PointLight(place), ambient=0.1, diffuse=0.8, specular=0.3, shininess=4.0)
+    image = wvr.render(volume, tf, camera, (5, 5), integrator=integrator, lighting=lighting)
+    starts, _ = camera.rays((5, 5))
+    u = (np.arange(200_000) + 0.5) * (7 / 200_000)
+    points = np.stack(np.broadcast_arrays(7 - u, *starts.reshape(-1, 3).T[1:, :, None]), -1)
+    toward = np.asarray(place) - points
+    toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
+    half = toward + np.array([1, 0, 0])
+    glance = np.abs(half[..., 2]) / np.linalg.norm(half, axis=-1)
+    tau = -np.log(0.9)
+    seen = tau * np.exp(-tau * u) * (7 / 200_000)
+    expected = (0.1 + 0.8 * np.abs(toward[..., 2]) + 0.3 * glance**4) @ seen
+    assert np.abs(image.rgba[..., 0].ravel() - expected).max() < 1e-5
+
+
 def test_far_away_it_is_a_direction(sphere):
     """By the walk in double precision, which lights with a place ask for, and within the tolerance by that in lanes."""
     direction = np.array([1.0, 2.0, -0.5])
@@ -79,7 +101,8 @@ def test_far_away_it_scatters_as_a_direction(blobs, smooth_tf):
 def test_lights_of_all_kinds_add_up(sphere):
     lights = [PointLight((150, 40, 30), "red"), wvr.Headlight("lime"), wvr.DirectionalLight((1, 1, 1), "blue")]
     together = image_of(sphere, lights, ambient=0.0)
-    alone = [image_of(sphere, [light, UNLIT], ambient=0.0).rgba[..., :3] for light in lights]
+    unlit = PointLight((150, 40, 30), "black")  # for the same points along rays
+    alone = [image_of(sphere, [light, unlit], ambient=0.0).rgba[..., :3] for light in lights]
     assert np.abs(together.rgba[..., :3] - sum(alone)).max() < 1e-5
     assert all(one.max() > 0.2 for one in alone)
 
