@@ -20,14 +20,12 @@ from .keep import Part
 from .kernels.precision import REALS
 from .light.lighting import Lighting
 from .light.shadows import ConvolutionShadows
-from .transfer.function import CLOSEST, Transfer
+from .transfer.function import CLOSEST, LARGEST, Transfer
 from .transfer.lookup import on_jumps
 from .transfer_function import TransferFunction
 from .validation import choice, real
 
 Precision = Literal["auto", "float32", "float64"]
-# Magnitudes that a precision holds, with room for what is computed from them.
-LARGEST = {"float32": 1e30, "float64": 1e100}
 # Of control points that are taken as they are, whatever their size.
 LEAST = 1e-300
 # Scalars of magnitudes from 2**-30 to 2**30 are used as they are; others are counted in another unit. Cells in single

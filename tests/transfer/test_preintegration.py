@@ -49,6 +49,21 @@ def test_sizes_against_quadrature(device, n):
         np.testing.assert_allclose(table.rgba[i, j], expected, rtol=0, atol=2e-6, err_msg=f"entry {i}, {j}")
 
 
+@pytest.mark.parametrize("domain", [(-10, 60), (3, 5), (5, 7), (2, 4), (6, 9)])
+def test_jumps_at_the_first_and_last_control_point(device, domain):
+    """In front of a jump and behind it is what its two control points say, whatever of both is in the table."""
+    threshold = [(5, "red", 0.3), (5, "white", 0.5)]
+    for points in (threshold, [(3, "navy", 0.0), (3, "gold", 0.2), *threshold]):
+        tf, n, length = wvr.TransferFunction(points), 6, 2.0
+        table = wvr.preintegrate(tf, n, length, domain, device=device, precision="float64")
+        line = wvr.preintegrate(tf, n, domain=domain, generator="running", device=device)
+        scalars = np.linspace(*domain, n)
+        for i, j in np.ndindex(n, n):
+            expected = quadrature(tf, scalars[i], scalars[j], length)
+            np.testing.assert_allclose(table.rgba[i, j], expected, rtol=0, atol=1e-12, err_msg=f"{points}, {i}, {j}")
+            assert line.lookup(scalars[i], scalars[j], length)[3] == pytest.approx(expected[3], abs=1e-12)
+
+
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_incremental_equals_brute_force_everywhere(device, precision):
     for n in (2, 3, 4, 7, 64, 100):
@@ -148,10 +163,13 @@ def test_published_weighting_loses_digits_and_moments_do_not(device):
         table = wvr.preintegrate(tf, n, weights=weights, device=device)
         errors[weights] = np.abs(table.back[band] - exact.back[band]).max()
     assert errors["lighting"] < 1e-7 and errors["lum"] > 2e-5
-    same = wvr.preintegrate(tf, 64, weights="lum", precision="float64", device=device)
-    right = wvr.preintegrate(tf, 64, weights="lighting", precision="float64", device=device)
-    np.testing.assert_allclose(same.back, right.back, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(same.front, right.front, rtol=0, atol=1e-12)
+    for domain in (None, (-1, 2), (0.305, 0.8)):
+        same, right = (
+            wvr.preintegrate(tf, 64, domain=domain, weights=weights, precision="float64", device=device)
+            for weights in ("lum", "lighting")
+        )
+        np.testing.assert_allclose(same.back, right.back, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(same.front, right.front, rtol=0, atol=1e-12)
 
 
 @settings(max_examples=15, deadline=None)
@@ -282,6 +300,8 @@ def test_lookup_is_bilinear_and_clamps():
         ({"weights": "lum", "generator": "brute"}, 'is a way of generator="incremental"'),
         ({"domain": (3, 3)}, "domain must be .* lo < hi"),
         ({"domain": (0, float("inf"))}, "domain"),
+        ({"domain": (100, 100 + 1e-13)}, "domain must have room for n = 256 scalars that differ"),
+        ({"length": [1, 1e31]}, "tf and length make optical depths of .*; float32 tables hold up to 1e\\+30"),
         (
             {"generator": "magic"},
             "generator must be one of 'incremental', 'brute', 'approximate', 'running', got 'magic'",

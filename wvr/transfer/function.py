@@ -14,6 +14,8 @@ from ..kernels.precision import REALS, vec3_of, vec4_of
 from ..kernels.transfer.function import make_transfer
 from ..transfer_function import TransferFunction
 
+# Magnitudes that a precision holds, with room for what is computed from them.
+LARGEST = {"float32": 1e30, "float64": 1e100}
 # Least distance of control points that are no jump, for scalars of order one: slopes stay finite, and cubes of scalars
 # between them do not underflow.
 CLOSEST = {"float32": 2.0**-60, "float64": 2.0**-300}

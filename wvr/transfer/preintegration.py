@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, Literal, overload
 
 import numpy as np
@@ -16,6 +16,7 @@ from ..launch import get_device, launch, load
 from ..memory import free_host_memory, free_memory, gib
 from ..transfer_function import TransferFunction
 from ..validation import choice, finite_array, float_array, integer, positive
+from .function import LARGEST as MAGNITUDES
 from .running import Cut, RunningIntegrals
 from .table import Table
 
@@ -94,8 +95,9 @@ def preintegrate(
     Raises
     ------
     ValueError
-        For n < 2 or > 46340, lengths <= 0, NaN or not ascending, lo >= hi, a transfer function of a single scalar
-        without ``domain``, or weights with a generator that has none.
+        For n < 2 or > 46340, lengths <= 0, NaN or not ascending, lo >= hi or too close to each other for n entries, a
+        transfer function of a single scalar without ``domain``, colours and optical depths beyond 1e30 (float32) or
+        1e100, or weights with a generator that has none.
     MemoryError
         For tables that would not fit the memory, before it is taken.
 
@@ -129,6 +131,12 @@ def preintegrate(
     square = 0 if generator == "running" else _bytes(tf, n, len(lengths), weights, precision)
     _check_memory(ENTRY * n + square, n, len(lengths), on)
     cut = Cut(tf, n, (lo, hi), 1.0)
+    if not np.all(np.diff(cut.grid) > 0):
+        raise ValueError(f"domain must have room for n = {n} scalars that differ, got ({lo!r}, {hi!r})")
+    most = MAGNITUDES[precision]
+    for what, size in (("colours", tf.colors.max()), ("optical depths", tf.knot_extinctions().max() * lengths[-1])):
+        if size > most:
+            raise ValueError(f"tf and length make {what} of {size:.3g}; {precision} tables hold up to {most:.0e}")
     if generator == "running":
         return RunningIntegrals(cut)
     layers = [tables_of(tf, cut, value, generator, weights, precision, on) for value in lengths]
@@ -207,10 +215,10 @@ def ramped(
         )
     back = plain * share.astype(real)[:, None, None]
     for rising in (True, False):
-        # At the control points: entries from the first one on or, for segments that fall, from the last.
-        at = np.interp(cut.tf.knots, cut.grid[[0, -1]], [0, n - 1] if rising else [n - 1, 0])
+        # Entries from the first one on or, for segments that fall, from the last.
+        ramp = partial(np.interp, xp=cut.grid[[0, -1]], fp=[0, n - 1] if rising else [n - 1, 0])
         made = [
-            generate(cut.colors(at, white=white), cut, length, generator, None, precision, device)[0].numpy()
+            generate(cut.colors(ramp, white=white), cut, length, generator, None, precision, device)[0].numpy()
             for white in (False, True)
         ]
         globally = np.concatenate([made[0][..., :3], made[1][..., :1]], axis=-1)

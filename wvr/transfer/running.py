@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
@@ -32,6 +33,8 @@ class RunningIntegrals:
 
     def __init__(self, cut: Cut):
         rgb, tau = cut.colors(None), cut.extinctions
+        # At the last scalar, which a transfer function may jump at: what is behind it.
+        self._last = cut.grid_extinctions[-1], cut.grid_extinctions[-1] * rgb[3][-1]
         self.scalars = cut.scalars
         self._tau = tau
         self._emission = [tau[side][:, None] * rgb[side] for side in (0, 1)]
@@ -72,6 +75,8 @@ class RunningIntegrals:
             (self.emission[kb] - self.emission[ka + 1]) + d1[..., None] * low_emission + d2[..., None] * high_emission
         )
         emission = np.where(within[..., None], emission, sums / d[..., None])
+        ended = a == last
+        tau, emission = np.where(ended, self._last[0], tau), np.where(ended[..., None], self._last[1], emission)
         A = -np.expm1(-tau * length)
         color = np.divide(emission, tau[..., None], out=np.zeros_like(emission), where=tau[..., None] > 0)
         return np.concatenate([color * A[..., None], A[..., None]], axis=-1)
@@ -108,24 +113,31 @@ class Cut:
         inside = tf.knots[(tf.knots > domain[0]) & (tf.knots < domain[1])]
         self.scalars = np.union1d(self.grid, inside)
         self.first = np.searchsorted(self.scalars, self.grid)
-        self.width = np.diff(self.scalars) * ((n - 1) / (domain[1] - domain[0]))
+        # Of their own interval's, as it was rounded: what is the same all along it is so to the last digit.
+        self.width = np.diff(self.scalars) / np.repeat(np.diff(self.grid), np.diff(self.first))
         # Extinction per ``unit``, the smallest voxel spacing [world length], at the pieces' low and high ends.
         tau = tf.knot_extinctions(unit) * unit
         self.extinctions = self._ends(tau)
-        self._grid_extinctions = _limits(tf.knots, tau, self.grid, "right")
+        self.grid_extinctions = _limits(tf.knots, tau, self.grid, "right")
 
-    def colors(self, factor: NDArray[np.float64] | None, white: bool = False) -> tuple[NDArray[np.float64], ...]:
+    def colors(
+        self, factor: NDArray[np.float64] | Callable[[Any], Any] | None, white: bool = False
+    ) -> tuple[NDArray[np.float64], ...]:
         """Colours at the pieces' low and high ends, their second-order coefficient, and colours at the table values.
 
-        Times a ``factor`` given at the knots, linear between them as the colours are: a product is quadratic.
+        Times a ``factor`` given at the knots, linear between them as the colours are, or of scalars, linear over the
+        domain: a product is quadratic.
         """
         rgb = np.ones_like(self.tf.colors) if white else self.tf.colors
         low, high = self._ends(rgb)
         at = _limits(self.tf.knots, rgb, self.grid, "right")
         if factor is None:
             return low, high, np.empty((0, 3)), at
-        k_low, k_high = (k[:, None] for k in self._ends(factor))
-        k_at = _limits(self.tf.knots, factor, self.grid, "right")[:, None]
+        if callable(factor):
+            parts = factor(self.scalars[:-1]), factor(self.scalars[1:]), factor(self.grid)
+        else:
+            parts = *self._ends(factor), _limits(self.tf.knots, factor, self.grid, "right")
+        k_low, k_high, k_at = (part[:, None] for part in parts)
         curve = np.empty((0, 3)) if white else (high - low) * (k_high - k_low)
         return low * k_low, high * k_high, curve, at * k_at
 
@@ -140,7 +152,7 @@ class Cut:
         pieces.low = vec4_array(np.column_stack([low, self.extinctions[0]]), real, device)
         pieces.high = vec4_array(np.column_stack([high, self.extinctions[1]]), real, device)
         pieces.curve = vec4_array(np.column_stack([curve, np.zeros(len(curve))]), real, device)
-        pieces.value = vec4_array(np.column_stack([at, self._grid_extinctions]), real, device)
+        pieces.value = vec4_array(np.column_stack([at, self.grid_extinctions]), real, device)
         pieces.nodes = nodes_array(precision, device)
         return pieces
 
@@ -161,11 +173,13 @@ class Cut:
 def _limits(
     knots: NDArray[np.float64], values: NDArray[np.float64], s: NDArray[np.float64], side: Literal["left", "right"]
 ) -> NDArray[np.float64]:
-    """``values`` at ``knots`` interpolated at ``s``, at a jump the limit from the ``side``."""
+    """``values`` at ``knots`` interpolated at ``s``, at a jump the limit from the ``side``, constant outside them."""
     # The interval [k, k + 1] of knots that s is in, as seen from the side.
     k = np.clip(np.searchsorted(knots, s, side) - 1, 0, len(knots) - 2)
     width = knots[k + 1] - knots[k]
-    share = np.divide(s - knots[k], width, out=np.full(len(s), float(side == "right")), where=width > 0)
+    # Of no width is a jump that is first or last of all, and s in front of it, at it, or behind it.
+    behind = s >= knots[k] if side == "right" else s > knots[k]
+    share = np.divide(s - knots[k], width, out=behind.astype(np.float64), where=width > 0)
     share = np.clip(share, 0.0, 1.0).reshape(-1, *[1] * (values.ndim - 1))
     return (1 - share) * values[k] + share * values[k + 1]
 
