@@ -95,7 +95,7 @@ def preintegrate(
     Raises
     ------
     ValueError
-        For n < 2 or > 46340, lengths <= 0, NaN or not ascending, lo >= hi or too close to each other for n entries, a
+        For n < 2 or > 46340, lengths <= 0, NaN or not ascending, lo >= hi or too near to it for n entries, a
         transfer function of a single scalar without ``domain``, colours and optical depths beyond 1e30 (float32) or
         1e100, or weights with a generator that has none.
     MemoryError
@@ -131,8 +131,6 @@ def preintegrate(
     square = 0 if generator == "running" else _bytes(tf, n, len(lengths), weights, precision)
     _check_memory(ENTRY * n + square, n, len(lengths), on)
     cut = Cut(tf, n, (lo, hi), 1.0)
-    if not np.all(np.diff(cut.grid) > 0):
-        raise ValueError(f"domain must have room for n = {n} scalars that differ, got ({lo!r}, {hi!r})")
     most = MAGNITUDES[precision]
     for what, size in (("colours", tf.colors.max()), ("optical depths", tf.knot_extinctions().max() * lengths[-1])):
         if size > most:

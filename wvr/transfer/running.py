@@ -103,6 +103,14 @@ class Cut:
 
     def __init__(self, tf: TransferFunction, n: int, domain: tuple[float, float], unit: float):
         self.tf, self.n = tf, n
+        # As entries are rounded, they are off by an eighth of what they are apart, at most.
+        size = float(np.abs(domain).max())
+        if domain[1] - domain[0] < 4 * (n - 1) * np.spacing(size):
+            raise ValueError(
+                f"scalars must differ by more for a table of {n} entries along an axis, got a range of "
+                f"{(domain[1] - domain[0]) / size:.2g} of their size: subtract a constant from samples and control "
+                f"points first, or take an integrator without tables"
+            )
         self.grid = np.linspace(*domain, n)
         # A jump that is meant to be an entry is one, to the last digit; of points that are only near to each other the
         # lowest would have what is behind the highest.
