@@ -21,7 +21,7 @@ from .kernels.precision import REALS
 from .light.lighting import Lighting
 from .light.shadows import ConvolutionShadows
 from .transfer.function import CLOSEST, LARGEST, Transfer
-from .transfer.lookup import on_jumps
+from .transfer.lookup import apart, on_jumps
 from .transfer_function import TransferFunction
 from .validation import choice, real
 
@@ -265,7 +265,7 @@ class Scene:
         """
         low, high = self.scalars
         if not self.volume.whole or high - low >= 512:
-            return on_jumps(tf, entries, (low, high))
+            return on_jumps(tf, entries, apart(tf, (low, high)))
         gaps = int(high - low)
         each = -(-256 // gaps) if gaps < 128 else entries // 256 if gaps < 256 else 1
         return gaps * each + 1, (low, high)

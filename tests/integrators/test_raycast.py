@@ -503,3 +503,16 @@ def test_tables_have_jumps_at_entries():
     assert on_jumps(many, 512, (0.0, 1.0)) == (512, (0.0, 1.0))
     several = places(0.1, 0.2718, 0.57721, 0.9)
     assert np.abs(several - np.rint(several)).max() < 0.05
+
+
+@pytest.mark.parametrize("integrator", [wvr.Preintegrated(0.5), wvr.AdaptivePreintegrated(1e-4)], ids=repr)
+@pytest.mark.parametrize("points", [[(280, "navy", 0.1), (320, "gold", 0.4)], [(280, "navy", 0.1), (300, "gold", 0.4)]])
+def test_a_state_that_is_the_same_but_for_rounding(integrator, points):
+    """As a simulation begins with: a transfer function is as good as linear there, whatever entries a table has."""
+    samples = 300 + np.spacing(300.0) * np.random.default_rng(1).integers(-20, 20, (6, 6, 6))
+    volume, tf = wvr.Volume(samples), wvr.TransferFunction(points)
+    exact, image = (
+        wvr.render(volume, tf, wvr.Camera.fit(volume), (6, 6), integrator=one, lighting=False, termination=0)
+        for one in (wvr.Exact(), integrator)
+    )
+    assert exact.rgba[3, 3, 3] > 0.5 and max_error(image, exact.rgba) < 1e-5

@@ -19,6 +19,17 @@ from .preintegration import generate, tables_of
 from .running import Cut, jumps_of, vec4_array
 
 
+def apart(tf: TransferFunction, domain: tuple[float, float]) -> tuple[float, float]:
+    """The domain or, where its scalars are so near to each other that rounding is seen between entries of a table, a
+    wider one around it, of 2**-25 of their size: if no more than a kink of the transfer function is in that, which is
+    as good as linear there.
+    """
+    low, high = domain
+    middle, half = 0.5 * (low + high), 2.0**-26 * max(-low, high)
+    inside = np.count_nonzero(np.abs(tf.knots - middle) <= half)
+    return domain if high - low >= 2 * half or inside > 1 else (middle - half, middle + half)
+
+
 def on_jumps(tf: TransferFunction, n: int, domain: tuple[float, float]) -> tuple[int, tuple[float, float]]:
     """Entries, n or up to twice as many, and a domain that has the given one in it: such that a jump of the transfer
     function is at an entry, and so are two that are half an entry apart or farther; of more, all are as near to entries
