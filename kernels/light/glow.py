@@ -10,7 +10,7 @@ from typing import NamedTuple
 import warp as wp
 
 from .points import CUT, OPPOSITE, Lights
-from .shine import FEW, GOOD, MANY, MUCH, PARTS, rule
+from .shine import CUSP, FEW, GOOD, LEAST, MANY, MUCH, ROUGH, rule
 
 vec12 = wp.types.vector(12, wp.float32)
 
@@ -123,69 +123,94 @@ def make_glow(clipped):
         return I
 
     @wp.func
-    def changes(s: Surface, mid: real, half: real):
-        """How much a unit of light changes at most from the middle of a piece on (S21)."""
+    def changes(s: Surface, u: real, h: real):
+        """How much a unit of light changes at most from u on, to h before and behind it (S21)."""
         sheen = s.lights.sheen
-        g1 = s.g1 + mid * (real(2.0) * s.g2 + mid * (real(3.0) * s.g3))
-        g2 = s.g2 + mid * (real(3.0) * s.g3)
-        size = wp.length(s.g0 + mid * (s.g1 + mid * (s.g2 + mid * s.g3)))
-        r = half * (wp.length(g1) + half * (wp.length(g2) + half * wp.length(s.g3)))
+        g = s.g0 + u * (s.g1 + u * (s.g2 + u * s.g3))
+        g1 = s.g1 + u * (real(2.0) * s.g2 + u * (real(3.0) * s.g3))
+        g2 = s.g2 + u * (real(3.0) * s.g3)
+        size = wp.length(g)
+        r = h * (wp.length(g1) + h * (wp.length(g2) + h * wp.length(s.g3)))
+        if wp.static(clipped):
+            if s.behind + (u - h) * s.reach < real(1.0) and wp.dot(s.cut, s.cut) > real(0.0):
+                across = wp.abs(wp.dot(s.cut, g)) > r
+                r += real(2.0) * h * wp.abs(s.reach) * wp.max(size + r, real(wp.static(CUT)))
+                size *= wp.where(across, real(0.7), real(0.0))
         least = wp.max(size - r, real(0.0))
         fades = sheen.faint / (least * least + sheen.faint)
-        turn = wp.min(r / wp.max(size - real(0.5) * r, real(1.0e-30)), real(1.0))
-        glints = wp.min(sheen.steep * turn + fades, real(1.0))
-        change = sheen.diffuse * wp.min(turn + fades, real(1.0)) + sheen.specular * glints
-        if wp.static(clipped):
-            if s.behind + (mid - half) * s.reach < real(1.0):
-                change = sheen.diffuse + sheen.specular
-        return change
+        turn = wp.min(r / wp.max(size - real(0.5) * r, real(1.0e-30)), real(wp.static(ROUGH)))
+        glints = wp.min(sheen.steep * turn, real(wp.static(ROUGH)))
+        if sheen.shininess < real(1.0):
+            glints = real(wp.static(CUSP)) * wp.pow(real(1.6) * turn, sheen.shininess)
+        return sheen.diffuse * (turn + fades) + sheen.specular * (glints + fades)
+
+    @wp.func
+    def reached(p: Thin, begin: real, rate: real, part: real):
+        """Where a part of the opacity is in front, from the front on, depth there, and extinction were that linear."""
+        y = p.A * part
+        depth = -wp.log(wp.max(real(1.0) - y, real(1.0e-30)))
+        if y < real(0.06):
+            depth = y * (real(1.0) + y * (real(0.5) + y * real(wp.static(1.0 / 3.0))))
+        root = wp.sqrt(wp.max(begin * begin + real(2.0) * rate * depth, real(0.0)))
+        return wp.min(real(2.0) * depth / (begin + root + real(1.0e-30)), real(2.0)), depth, root
 
     @wp.func
     def glow(s: Surface, p: Thin, plain: wp.vec3, slope: wp.vec3):
         third = real(wp.static(1.0 / 3.0))
         tiny = real(1.0e-30)
-        matters = s.T * p.A * changes(s, p.mid, p.half) / s.tolerance
-        first = int(0)
-        count = int(wp.static(FEW))
-        if matters > real(wp.static(few)):
-            first = wp.static(FEW)
-            count = wp.static(2 * FEW)
-        if matters > real(wp.static(some)):
-            first = wp.static(3 * FEW)
-            count = wp.static(4 * FEW)
-        if matters > real(wp.static(more)):
-            first = wp.static(7 * FEW)
-            count = wp.static(MANY)
-        parts = int(1)
-        while parts < wp.static(PARTS) and matters > real(parts * parts) * real(wp.static(many)):
-            parts += 1
-        a = real(0.5) * p.x
+        half = real(0.5)
+        a = half * p.x
         b = wp.clamp(a + p.g * (real(2.0) * third * p.m[1] - p.m[0] - p.m[2]), real(0.0), real(1.9) * a)
         k = a - b
         all = real(0.0)
         moved = real(0.0)
         mean = Light()
         moment = wp.vec3()
-        for i in range(count * parts):
-            node = s.lights.rules[wp.max(first + i % count, 0)]
-            y = p.A * (real(i // count) + node[0]) / real(parts)
-            depth = -wp.log(wp.max(real(1.0) - y, tiny))
-            if y < real(0.06):
-                depth = y * (real(1.0) + y * (real(0.5) + y * third))
-            root = wp.sqrt(wp.max(b * b + real(2.0) * k * depth, real(0.0)))
-            along = wp.min(real(2.0) * depth / (b + root + tiny), real(2.0))
-            v = along - real(1.0)
-            w = v * (p.m[0] + v * (p.m[1] + v * p.m[2])) - third * p.m[1]
-            W = real(0.5) * p.m[0] + third * v * p.m[1] + real(0.25) * (v * v + real(1.0)) * p.m[2]
-            W *= along * (along - real(2.0))
-            weight = wp.max(a + p.g * w, real(0.0)) / wp.max(root, tiny)
-            weight *= node[1] * wp.exp(wp.min(depth - a * along - p.g * W, real(80.0)))
-            I = shine(s.lights, at(s, p.mid + p.half * v), s.eye)
-            all += weight
-            moved += weight * w
-            mean.color += weight * I.color
-            mean.glint += weight * I.glint
-            moment += (weight * w) * I.color
+        # A part is that of so much opacity, from y on.
+        y = real(0.0)
+        part = real(1.0)
+        start = real(0.0)
+        while y < real(1.0):
+            stop = real(2.0)
+            if y + part < real(1.0):
+                stop, _depth, _root = reached(p, b, k, y + part)
+            middle = p.mid + p.half * (half * (start + stop) - real(1.0))
+            matters = s.T * p.A * part * changes(s, middle, p.half * half * (stop - start)) / s.tolerance
+            if matters > real(wp.static(many)) and part > real(wp.static(LEAST)):
+                part *= half
+            else:
+                first = int(0)
+                count = int(wp.static(FEW))
+                if matters > real(wp.static(few)):
+                    first = wp.static(FEW)
+                    count = wp.static(2 * FEW)
+                if matters > real(wp.static(some)):
+                    first = wp.static(3 * FEW)
+                    count = wp.static(4 * FEW)
+                if matters > real(wp.static(more)):
+                    first = wp.static(7 * FEW)
+                    count = wp.static(MANY)
+                for i in range(count):
+                    node = s.lights.rules[wp.max(first + i, 0)]
+                    along, depth, root = reached(p, b, k, y + part * node[0])
+                    v = along - real(1.0)
+                    w = v * (p.m[0] + v * (p.m[1] + v * p.m[2])) - third * p.m[1]
+                    W = half * p.m[0] + third * v * p.m[1] + real(0.25) * (v * v + real(1.0)) * p.m[2]
+                    W *= along * (along - real(2.0))
+                    weight = wp.max(a + p.g * w, real(0.0)) / wp.max(root, tiny)
+                    weight *= part * node[1] * wp.exp(wp.min(depth - a * along - p.g * W, real(80.0)))
+                    I = shine(s.lights, at(s, p.mid + p.half * v), s.eye)
+                    all += weight
+                    moved += weight * w
+                    mean.color += weight * I.color
+                    mean.glint += weight * I.glint
+                    moment += (weight * w) * I.color
+                y += part
+                start = stop
+                # As wide again as halves of halves of the whole go.
+                pairs = half * y / part
+                if wp.floor(pairs) == pairs:
+                    part *= real(2.0)
         one = real(1.0) / wp.max(all, tiny)
         I0 = one * mean.color
         bright = wp.vec3(s.lights.sheen.ambient) + I0

@@ -58,7 +58,7 @@ class Sheen:
     diffuse: wp.float32
     specular: wp.float32
     shininess: wp.float32
-    steep: wp.float32  # what specular light changes by at most, a unit that a normal turns
+    steep: wp.float32  # what specular light of powers from 1 on changes by at most, a unit that a normal turns
     faint: wp.float32
 
 

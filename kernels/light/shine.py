@@ -12,16 +12,20 @@ import numpy as np
 
 from .points import CUT, OPPOSITE
 
-# Points of a piece, and of one whose light matters more; of that there are so many parts at most.
+# Points of a piece, and of one whose light matters more: of halves of halves of that, no smaller than LEAST.
 FEW = 2
 MANY = 16
-PARTS = 32
-# What light may change a piece's part of the pixel by, in parts of the tolerance of a piece, that few will do for: the
-# whole tolerance. And that more points will do for, in parts of that, being so much less off (S21). In lanes sixteen
-# cost as much as four.
-MUCH = 4.0
+LEAST = 2.0**-16
+# What light may change a piece's part of the pixel by, in parts of the tolerance of a piece, that few will do for:
+# eight times the whole tolerance, as that bounds what it changes by. And what more points will do for, in parts of
+# that, being so much less off (S21). In lanes sixteen cost as much as four.
+MUCH = 32.0
 GOOD = {2: 1.0, 4: 2.4, 8: 8.0, 16: 30.0}
 MORE = GOOD[MANY] * MUCH
+# What light counts for where normals may reverse: that may be between two points.
+ROUGH = 16.0
+# And powers below 1, which are steep where they are 0.
+CUSP = 8.0
 
 
 def rule(n):
@@ -44,7 +48,7 @@ auto bare = [](vf a) -> vf {
 };
 const float ambient = (float)lights.shading.ambient, diffuse = (float)lights.shading.diffuse;
 const float specular = (float)lights.shading.specular, shininess = (float)lights.shading.shininess;
-const float faint = (float)lights.shading.faint, steep = shininess < 1.0f ? 1e30f : 1.6f * __builtin_sqrtf(shininess);
+const float faint = (float)lights.shading.faint, steep = 1.6f * __builtin_sqrtf(shininess);
 const int nlights = lights.lights.shape[0];
 const auto* __restrict each = lights.lights.data;
 // Intensities by gradient and unit vector to the viewer: three that multiply colour, and three of specular light (S20).
@@ -93,14 +97,19 @@ struct Lit {
     vf V, off;  // off from the row's middle
     vf color[8];  // and the row's
 };
-// Intensities where a part of the opacity is in front, w there, and what it weighs.
-auto sampled = [&](const Lit& p, vf part, vf* I, vf& weight) __attribute__((noinline)) -> vf {
-    const vf* G = p.gradient;
+// Where a part of the opacity is in front, in [-1, 1], depth there, and extinction were that linear.
+auto reached = [&](const Lit& p, vf part, vf& depth, vf& root) -> vf {
     const vf a = 0.5f * p.x, y = p.A * part;
     const vf b = MIN(MAX(a + p.g * (p.m2 * (2.0f / 3) - p.m1 - p.m3), zero), 1.9f * a), k = a - b;
-    const vf depth = y < 0.06f ? y * (1.0f + y * (0.5f + y * (1.0f / 3))) : bare(1.0f - y);
-    const vf root = __builtin_elementwise_sqrt(MAX(b * b + 2.0f * k * depth, zero));
-    const vf s = MIN(2.0f * depth / (b + root + 1e-30f), zero + 2.0f), v = s - 1.0f, u = p.mid + p.half * v;
+    depth = y < 0.06f ? y * (1.0f + y * (0.5f + y * (1.0f / 3))) : bare(1.0f - y);
+    root = __builtin_elementwise_sqrt(MAX(b * b + 2.0f * k * depth, zero));
+    return MIN(2.0f * depth / (b + root + 1e-30f), zero + 2.0f) - 1.0f;
+};
+// Intensities there, w, and what it weighs.
+auto sampled = [&](const Lit& p, vf part, vf* I, vf& weight) __attribute__((noinline)) -> vf {
+    const vf* G = p.gradient;
+    vf depth, root;
+    const vf v = reached(p, part, depth, root), s = v + 1.0f, u = p.mid + p.half * v, a = 0.5f * p.x;
     const vf w = v * (p.m1 + v * (p.m2 + v * p.m3)) - p.m2 * (1.0f / 3);
     const vf W = s * (s - 2.0f) * (0.5f * p.m1 + v * p.m2 * (1.0f / 3) + (v * v + 1.0f) * (0.25f * p.m3));
     weight = MAX(a + p.g * w, zero) / MAX(root, zero + 1e-30f) * fading(a * s + p.g * W - depth);
@@ -110,27 +119,28 @@ auto sampled = [&](const Lit& p, vf part, vf* I, vf& weight) __attribute__((noin
     shine(g[0], g[1], g[2], G + 12, I);
     return w;
 };
-// How much a unit of light changes at most from the middle of a piece on (S21).
-auto changes = [&](const Lit& p) -> vf {
-    const vf* G = p.gradient;
+// How much a unit of light changes at most from u on, to s before and behind it (S21).
+auto changes = [&](const vf* G, vf u, vf s) __attribute__((noinline)) -> vf {
     vf square = {}, a[3] = {};
+    CUT_NORMAL
     for (int c = 0; c < 3; ++c) {
-        const vf u = p.mid, g = G[4 * c] + u * (G[4 * c + 1] + u * (G[4 * c + 2] + u * G[4 * c + 3]));
+        const vf g = G[4 * c] + u * (G[4 * c + 1] + u * (G[4 * c + 2] + u * G[4 * c + 3]));
         const vf g1 = G[4 * c + 1] + u * (2.0f * G[4 * c + 2] + u * (3.0f * G[4 * c + 3]));
         const vf g2 = G[4 * c + 2] + u * (3.0f * G[4 * c + 3]), g3 = G[4 * c + 3];
         square += g * g;
         a[0] += g1 * g1;
         a[1] += g2 * g2;
         a[2] += g3 * g3;
+        CUT_ACROSS
     }
-    const vf s = p.half;
     for (int c = 0; c < 3; ++c) a[c] = __builtin_elementwise_sqrt(a[c]);
-    const vf r = s * (a[0] + s * (a[1] + s * a[2])), size = __builtin_elementwise_sqrt(square);
+    vf r = s * (a[0] + s * (a[1] + s * a[2])), size = __builtin_elementwise_sqrt(square);
+    CUT_BEHIND
     const vf least = MAX(size - r, zero), fades = faint / (least * least + faint);
-    const vf turn = MIN(r / MAX(size - 0.5f * r, zero + 1e-30f), zero + 1.0f);
-    const vf glints = MIN(steep * turn + fades, zero + 1.0f);
-    const vf change = diffuse * MIN(turn + fades, zero + 1.0f) + specular * glints;
-    return BEHIND_CUT change;
+    const vf turn = MIN(r / MAX(size - 0.5f * r, zero + 1e-30f), zero + ROUGH);
+    const vf power = CUSP * fading(shininess * bare(MIN(MAX(1.6f * turn, zero + 1e-30f), zero + 1.0f)));
+    const vf glints = shininess < 1.0f ? power : MIN(steep * turn, zero + ROUGH);
+    return diffuse * (turn + fades) + specular * (glints + fades);
 };
 // Colour of pieces, of those that are ``wanted``, behind a transparency T.
 auto lit = [&](const Lit& p, vi wanted, vf T, vf* out) __attribute__((noinline)) {
@@ -145,11 +155,8 @@ auto lit = [&](const Lit& p, vi wanted, vf T, vf* out) __attribute__((noinline))
         for (int c = 0; c < 6; ++c) mean[c] += weight * I[c];
         for (int c = 0; c < 3; ++c) moment[c] += weight * w * I[c];
     }
-    const vf matters = T * p.A * changes(p);
-    alignas(64) int finer[16];
-    // A bend is off by the square of a part.
-    const vf parts = 1.0f + MIN(__builtin_elementwise_sqrt(matters / (tolerance * MORE)), zero + (PARTS - 1));
-    *(vi*)finer = wanted & (matters > tolerance * MUCH) & __builtin_convertvector(parts, vi);
+    const vf behind = T * p.A, matters = behind * changes(p.gradient, p.mid, p.half);
+    const vi finer = wanted & (matters > tolerance * MUCH);
     for (int l = 0; l < 16; ++l) {
         if (!finer[l]) continue;
         Lit q;
@@ -157,13 +164,30 @@ auto lit = [&](const Lit& p, vi wanted, vf T, vf* out) __attribute__((noinline))
         vf* to = (vf*)&q;
         for (int i = 0; i < 8 + LIT_ROWS; ++i) to[i] = zero + from[i][l];
         v4f sums[3] = {};
-        for (int i = 0; i < finer[l]; ++i) {
-            const vf w = sampled(q, (*(const vf*)many + (float)i) / (float)finer[l], I, weight);
-            weight *= *(const vf*)shared;
+        // Of halves of halves, each from y of the opacity on.
+        float y = 0.0f, part = 1.0f, start = -1.0f, most = matters[l];
+        while (y < 1.0f) {
+            float stop = 1.0f;
+            if (part < 1.0f) {
+                vf depth, root;
+                if (y + part < 1.0f) stop = reached(q, zero + (y + part), depth, root)[0];
+                const vf v = zero + 0.5f * (start + stop);
+                most = part * behind[l] * changes(q.gradient, q.mid + q.half * v, q.half * (0.5f * (stop - start)))[0];
+            }
+            if (most > tolerance * MORE && part > LEASTf) {
+                part *= 0.5f;
+                continue;
+            }
+            const vf w = sampled(q, y + part * *(const vf*)many, I, weight);
+            weight *= part * *(const vf*)shared;
             const vf ww = weight * w;
             sums[0] += summed(weight, ww, ww * I[0], ww * I[1]);
             sums[1] += summed(ww * I[2], weight * I[0], weight * I[1], weight * I[2]);
             sums[2] += summed(weight * I[3], weight * I[4], weight * I[5], zero);
+            y += part;
+            start = stop;
+            const float pairs = 0.5f * y / part;
+            if (pairs == (float)(int)pairs) part *= 2.0f;
         }
         all[l] = sums[0][0];
         moved[l] = sums[0][1];
@@ -223,6 +247,17 @@ TOWARDS_CUT = """
     const vi near = (behind < 1.0f) & -(cut[0] != 0.0f || cut[1] != 0.0f || cut[2] != 0.0f);
     for (int c = 0; c < 3; ++c) g[c] = near ? behind * g[c] + strength * cut[c] : g[c];
 """
+# By how much light changes there: a normal is that of the clip and the field's, which is one of two by its sign.
+CUT_NORMAL = """
+    const float cut[3] = {(float)lights.cut[0], (float)lights.cut[1], (float)lights.cut[2]};
+    vf across = {};
+"""
+CUT_BEHIND = """
+    const vi near = (G[19] + (u - s) * G[20] < 1.0f) & -(cut[0] != 0.0f || cut[1] != 0.0f || cut[2] != 0.0f);
+    const vf farther = r + 2.0f * s * ABS(G[20]) * MAX(size + r, zero + CUTf);
+    size = near ? (ABS(across) > r ? 0.7f * size : zero) : size;
+    r = near ? farther : r;
+"""
 
 
 def rows_of(clipped):
@@ -234,15 +269,12 @@ def shining(clipped):
     """The text, of rays that clips cut or not; it needs ``fading``, ``lights`` (a ``points.Lights``) and a
     ``tolerance``, of a piece in parts of its opacity.
     """
-    behind = "G[19] + (p.mid - p.half) * G[20] < 1.0f ? zero + (diffuse + specular) :" if clipped else ""
-    text = (
-        SUM
-        + SHINE
-        + PIECES.replace("BEHIND_CUT", behind).replace(
-            "TOWARDS_CUT", TOWARDS_CUT.replace("CUTf", f"{CUT!r}f") if clipped else ""
-        )
-    )
-    names = {"LIT_ROWS": str(rows_of(clipped)), "MUCH": f"{MUCH}f", "MORE": f"{MORE}f", "PARTS": str(PARTS)}
+    text = SUM + SHINE + PIECES
+    cut = {"TOWARDS_CUT": TOWARDS_CUT, "CUT_NORMAL": CUT_NORMAL, "CUT_ACROSS": "across += cut[c] * g;"}
+    for name, one in (cut | {"CUT_BEHIND": CUT_BEHIND}).items():
+        text = text.replace(name, one.replace("CUTf", f"{CUT!r}f") if clipped else "")
+    names = {"LIT_ROWS": str(rows_of(clipped)), "LEAST": repr(LEAST)}
+    names |= {"MUCH": f"{MUCH}f", "MORE": f"{MORE}f", "ROUGH": f"{ROUGH}f", "CUSP": f"{CUSP}f"}
     for name, n in (("FEW", FEW), ("MANY", MANY)):
         nodes, shares = rule(n)
         names |= {f"{name}_NODES": _text(nodes), f"{name}_SHARES": _text(shares)}

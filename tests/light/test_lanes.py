@@ -115,7 +115,7 @@ Lit p;
 for (int n = 0; n < 15; ++n) p.gradient[n] = *(const vf*)(gradient.data + 16 * n);
 p.mid = *(const vf*)(gradient.data + 16 * 15);
 p.half = *(const vf*)(gradient.data + 16 * 16);
-*(vf*)(gradient.data + 16 * 17) = changes(p);
+*(vf*)(gradient.data + 16 * 17) = changes(p.gradient, p.mid, p.half);
 """
 
 

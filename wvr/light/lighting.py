@@ -153,8 +153,7 @@ class Lighting:
         for name in ("ambient", "diffuse", "specular", "shininess", "faint"):
             # A shininess beyond single precision is as good as its largest.
             setattr(sheen, name, min(getattr(shading, name), 1e30))
-        # Next to 0 powers below 1 are steeper than anything.
-        sheen.steep = 1.6 * self.shininess**0.5 if self.shininess >= 1 else 1e30
+        sheen.steep = 1.6 * min(self.shininess, 1e30) ** 0.5
         lights, lamps = [], []
         for light in self.lights:
             lights.append(LightStruct())
