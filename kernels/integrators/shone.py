@@ -14,8 +14,6 @@ from ..light.points import CUT, KINDS, Lit, make_shading, make_toward
 from ..light.shine import CUSP, GOOD, LEAST, MUCH, ROUGH, rule
 
 vec6 = wp.types.vector(6, wp.float64)
-# Of what light may change by in lanes: it is less here where specular light is told to be none.
-SHARE = 1.0 / 3.0
 
 
 @wp.struct
@@ -45,7 +43,7 @@ def make_shone(halves):
     counts = tuple(GOOD)
     rules = [rule(n) for n in counts]
     nodes, shares = (wp.constant(wp.types.vector(sum(GOOD), real)(*chain(*of))) for of in zip(*rules, strict=True))
-    good = wp.constant(wp.types.vector(len(GOOD), real)(*(SHARE * MUCH * GOOD[n] for n in counts)))
+    good = wp.constant(wp.types.vector(len(GOOD), real)(*(MUCH * GOOD[n] for n in counts)))
     last = len(GOOD) - 1
     # Where a gradient along a piece is asked for, that is a cubic there: off the ends, at which it may jump.
     near, far = 0.3, 0.9
@@ -63,30 +61,6 @@ def make_shone(halves):
             before = toward(here.kind, here.vector, home - ahead, eye)
             after = toward(here.kind, here.vector, home + ahead, eye)
             most = wp.max(most, wp.max(wp.length(before - way), wp.length(after - way)))
-        return most
-
-    @wp.func
-    def glints(scene: Scene, middle: wp.vec3d, normal: wp.vec3d, turn: real, eye: wp.vec3d):
-        """How much specular light changes at most where a normal turns by so much from the middle of a part on."""
-        most = real(0.0)
-        shading = scene.light.shading
-        p = shading.shininess
-        home = shading.home + shading.ahead @ middle
-        by = real(1.6) * turn
-        for l in range(scene.light.lights.shape[0]):
-            here = scene.light.lights[wp.max(l, 0)]
-            way = wp.normalize(toward(here.kind, here.vector, home, eye) + eye)
-            glance = wp.abs(wp.dot(normal, way))
-            if p < real(1.0):
-                change = real(wp.static(CUSP)) * wp.pow(by, p)
-                if glance > by:
-                    change = wp.min(change, p * wp.pow(glance - by, p - real(1.0)) * by)
-            else:
-                change = wp.min(wp.sqrt(p) * by, real(wp.static(ROUGH)))
-                # Where it is next to none it may be between two points.
-                if glance + by < real(1.0):
-                    change = wp.min(change, real(wp.static(ROUGH / SHARE)) * wp.pow(glance + by, p))
-            most = wp.max(most, change)
         return most
 
     @wp.func
@@ -145,32 +119,33 @@ def make_shone(halves):
             v = half * (start + stop)
             h = half * (stop - start)
             # How much a unit of light changes at most from the middle of the part on (docs/proof-single.md, S21).
-            at = c.middle + v * to
-            normal = g0 + v * (g1 + v * (g2 + v * g3))
-            size = wp.length(normal)
+            middle = g0 + v * (g1 + v * (g2 + v * g3))
+            size = wp.length(middle)
             second = wp.length(g2 + (real(3.0) * v) * g3) + h * wp.length(g3)
             r = h * (wp.length(g1 + v * (real(2.0) * g2 + (real(3.0) * v) * g3)) + h * second)
             if wp.static(halves.cuts.clipped):
-                cut = scene.light.cut
+                normal = scene.light.cut
                 behind = wp.length(c.middle + start * to - scene.light.cut_point)
-                if behind < one and wp.dot(cut, cut) > real(0.0):
-                    across = wp.abs(wp.dot(cut, normal)) > r
+                if behind < one and wp.dot(normal, normal) > real(0.0):
+                    across = wp.abs(wp.dot(normal, middle)) > r
                     r += real(2.0) * h * wp.length(to) * wp.max(size + r, real(wp.static(CUT)))
                     size *= wp.where(across, real(0.7), real(0.0))
-                normal = towards_cut(scene, at, normal)
             least = wp.max(size - r, real(0.0))
             fades = shading.faint / (least * least + shading.faint)
             turn = wp.min(r / wp.max(size - half * r, tiny), real(wp.static(ROUGH)))
             if wp.static(placed):
-                turn = wp.min(turn + swing(scene, at, h * to, c.eye), real(wp.static(ROUGH)))
-            specular = glints(scene, at, wp.normalize(normal), turn, c.eye) + fades
+                turn = wp.min(turn + swing(scene, c.middle + v * to, h * to, c.eye), real(wp.static(ROUGH)))
+            glints = wp.min(real(1.6) * wp.sqrt(shading.shininess) * turn, real(wp.static(ROUGH)))
+            if shading.shininess < one:
+                glints = real(wp.static(CUSP)) * wp.pow(real(1.6) * turn, shading.shininess)
+            glints += fades
             turn += fades
             # And by how much coefficients do, which are linear in the scalar.
             s = c.m[0] + v * (m1 + v * (m2 + v * m3))
-            of = factors(scene, k, s)
-            most = factors(scene, k, s + around(m1, m2, m3, v, h)) - of
-            change = shading.ambient * wp.abs(most[0]) + shading.diffuse * (of[1] * turn + wp.abs(most[1]))
-            change += shading.specular * (of[2] * specular + wp.abs(most[2]))
+            at = factors(scene, k, s)
+            most = factors(scene, k, s + around(m1, m2, m3, v, h)) - at
+            change = shading.ambient * wp.abs(most[0]) + shading.diffuse * (at[1] * turn + wp.abs(most[1]))
+            change += shading.specular * (at[2] * glints + wp.abs(most[2]))
             matters = c.T * A * part * change / scene.march.tolerance
             if matters > good[wp.static(last)] and part > real(wp.static(LEAST)):
                 part *= half
