@@ -3,8 +3,14 @@
 import os
 import subprocess
 import sys
+import warnings
+
+import numpy as np
+import pytest
 
 import wvr
+
+from .helpers import SMOOTH
 
 CODE = """
 import numpy as np, wvr
@@ -47,3 +53,25 @@ def test_logging_silences_it():
 def test_combinations():
     made = wvr.warm_up((True, False), integrator=wvr.Riemann(1.0), dtype=["uint8", "float32"])
     assert made == ["uint8, lit", "uint8, not lit", "float32, lit", "float32, not lit"]
+
+
+def test_what_a_scene_is_warmed_up_for():
+    """Labels of any shape, clips wherever they are, samples that are absent; without a word of what is to be seen."""
+    labels = np.zeros((3, 40, 5), np.uint8)
+    labels[0] = 7
+    far = wvr.ClipBox((100, 100, 100), (200, 200, 200))
+    options = {"lighting": False, "dtype": "float32", "nan": True, "integrator": wvr.Riemann(1.0)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for given in (labels, wvr.Segmentation(labels, {7: SMOOTH})):
+            assert wvr.warm_up(clip=far, segmentation=given, **options) == ["float32, not lit"]
+        # What light does not change is compiled without.
+        assert wvr.warm_up(True, integrator=wvr.Projection("max"), dtype="uint8") == ["uint8, not lit"]
+
+
+@pytest.mark.parametrize("name", ["size", "camera", "depth", "clim", "opacity"])
+def test_what_no_kernel_is_made_for(name):
+    with pytest.raises(TypeError, match=f"warm_up has no keyword '{name}': kernels are the same"):
+        wvr.warm_up(**{name: None})
+    with pytest.raises(TypeError, match="transfer_function must be a TransferFunction"):
+        wvr.warm_up(transfer_function="viridis")
