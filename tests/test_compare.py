@@ -44,6 +44,7 @@ def test_images_and_arrays(pair):
 
 def test_limits(pair):
     assert wvr.compare(*pair, limits=[0.5]).shares == {0.5: 0.0}
+    assert repr(wvr.compare(pair[0], pair[0], [])) == "Comparison(max=0.00e+00, mean=0.00e+00, rms=0.00e+00)"
 
 
 def test_picture(pair, tmp_path):
@@ -58,6 +59,7 @@ def test_picture(pair, tmp_path):
         (np.zeros((2, 2, 3)), np.zeros((2, 2, 4)), {}, r"image must be an Image or an array .*got shape \(2, 2, 3\)"),
         (np.zeros((2, 2, 4)), np.zeros((2, 3, 4)), {}, r"of one size, got \(2, 2, 4\) and \(2, 3, 4\)"),
         (np.zeros((2, 2, 4)), np.full((2, 2, 4), np.nan), {}, "reference must be finite, got 16 values"),
+        (np.zeros((2, 2, 4)), np.zeros((2, 2, 4), np.uint8), {}, "reference must be linear RGBA, got uint8"),
         (np.zeros((0, 2, 4)), np.zeros((0, 2, 4)), {}, "image must be"),
         (np.zeros((2, 2, 4)), np.zeros((2, 2, 4)), {"limits": [0.0]}, "limits must be finite and > 0"),
     ],

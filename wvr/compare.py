@@ -150,7 +150,8 @@ class Comparison:
 
     def __repr__(self) -> str:
         shares = ", ".join(f"{share:.3%} over {limit:g}" for limit, share in self.shares.items())
-        return f"Comparison(max={self.max:.2e}, mean={self.mean:.2e}, rms={self.rms:.2e}, {shares})"
+        numbers = f"max={self.max:.2e}, mean={self.mean:.2e}, rms={self.rms:.2e}"
+        return f"Comparison({', '.join(filter(None, (numbers, shares)))})"
 
 
 def compare(
@@ -168,7 +169,8 @@ def compare(
     Raises
     ------
     ValueError
-        For other or different shapes, NaN or infinite values, or a limit <= 0.
+        For other or different shapes, pixels of 8 bits, which are sRGB and no light, NaN or infinite values, or a limit
+        <= 0.
 
     Examples
     --------
@@ -186,6 +188,8 @@ def compare(
 
 def _rgba(value: Any, name: str) -> Floats:
     """Finite float64 numbers, (height, width, 4)."""
+    if getattr(value, "dtype", None) == np.uint8:
+        raise ValueError(f"{name} must be linear RGBA, got uint8: compare image.rgba, or what .npy, .tif and .exr keep")
     rgba = float_array(value, name)
     if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.size == 0:
         raise ValueError(f"{name} must be an Image or an array (height, width, 4), got shape {rgba.shape}")
