@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import wvr
 from wvr.defaults import Call, camera_of
 from wvr.framing import MARGIN, framed, visible_points
-from wvr.views import NAMES, WORLD, named_view, suggested_view
+from wvr.views import NAMES, WORLD, named_view, seen_from, suggested_view
 
 # Nothing below 50.
 SEEN = wvr.TransferFunction([(50, "red", 0.0), (100, "white", 0.5)])
@@ -288,3 +288,12 @@ def test_cameras_in_other_words():
         found = -camera_of(direction, volume, SEEN, 1.0).basis()[2]
         np.testing.assert_allclose(found, np.array(direction) / np.linalg.norm(direction), atol=1e-9)
     assert len(set(NAMES)) == 13
+
+
+def test_a_direction_along_z_is_seen_with_y_upwards():
+    """As the view "xy"; and so is what is 1 degree from it, where z would say little of what is upwards."""
+    cases = [((0, 0, 3), 1), ((0, 0.05, -3), 1), ((0, 0.3, 3), 2), ((1e200, 0, 0), 2), ((0, 0, 1e-300), 1)]
+    for direction, up in cases:
+        view = seen_from(direction)
+        np.testing.assert_array_equal(view.direction, direction)
+        np.testing.assert_array_equal(view.up, np.eye(3)[up])

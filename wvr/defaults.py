@@ -25,7 +25,7 @@ from .preset_points import HOUNSFIELD, PRESETS
 from .suggest import Suggestion, suggestion
 from .transfer_function import TransferFunction
 from .validation import float_array, near, outside
-from .views import NAMES, View, ViewName, named_view, suggested_view
+from .views import NAMES, View, ViewName, named_view, seen_from, suggested_view
 from .volume import Volume
 
 if TYPE_CHECKING:
@@ -341,8 +341,7 @@ def camera_of(
                 f"camera must be a Camera, a PyVista camera or plotter, [position, focal point, up], a direction "
                 f"(x, y, z), or one of {', '.join(NAMES)}, got {given!r}"
             )
-        up = (0.0, 0.0, 1.0) if np.linalg.norm(vectors[:2]) > 1e-3 * abs(vectors[2]) else (0.0, 1.0, 0.0)
-        view = View(vectors, np.array(up))
+        view = seen_from(vectors)
     return framed(visible_points(volume, shown, clips), *view, aspect=aspect)
 
 

@@ -78,6 +78,14 @@ def of_patient(vector: tuple[float, ...], axes: str) -> Floats:
     return np.array([towards[letter] for letter in axes], np.float64)
 
 
+def seen_from(direction: Any) -> View:
+    """From a direction: z is upwards, or y where that is along it (to 2.6 degrees, as of ``not_along``)."""
+    towards = np.asarray(direction, np.float64)
+    parts = np.abs(towards) / (float(np.abs(towards).max()) or 1.0)
+    steep = parts[2] > 0.999 * float(np.linalg.norm(parts))
+    return View(towards, np.array([0.0, 1.0, 0.0] if steep else [0.0, 0.0, 1.0]))
+
+
 def front_and_up(volume: Field) -> tuple[Floats, Floats]:
     """Unit vectors in the world: the front of the volume, and upwards."""
     axes = getattr(volume, "anatomical", "")

@@ -125,7 +125,7 @@ def test_integrators(run, rendered, text, integrator):
         ("--up x --parallel", (0.4, 1, 0.6), (1, 0, 0), {"parallel": True}),
         ("--direction -1,0,2 --up 0,0.5,-1 --view-angle 20", (-1, 0, 2), (0, 0.5, -1), {"view_angle": 20}),
         ("--direction 0,-1,0", (0, -1, 0), (0, 0, 1), {}),
-        ("--direction 0,0,2", (0, 0, 2), (-1, 0, 0), {}),
+        ("--direction 0,0,2", (0, 0, 2), (0, 1, 0), {}),
         ("--camera yz", (1, 0, 0), (0, 0, 1), {}),
         ("--camera iso --up y --size 10x20", (1, 1, 1), (0, 1, 0), {"aspect": 0.5}),
     ],

@@ -136,7 +136,7 @@ def upward_of(text: str | None) -> tuple[Any, ...]:
 
 def view_of(volume: Volume, direction: str | None, up: str | None) -> View:
     """Where it is seen from: as suggested, but for what is given."""
-    from ..views import View, suggested_view
+    from ..views import View, seen_from, suggested_view
 
     if direction is None and up is None:
         return suggested_view(volume)
@@ -144,7 +144,7 @@ def view_of(volume: Volume, direction: str | None, up: str | None) -> View:
     towards = _default_direction(upward) if direction is None else numbers(direction, "--direction", "1,0.6,0.4")
     if not np.any(towards):
         raise ValueError(f"direction must not be zero, got {direction!r}")
-    return View(np.array(towards), np.array(upward))
+    return seen_from(towards) if up is None else View(np.array(towards), np.array(upward))
 
 
 def camera_of(

@@ -46,7 +46,7 @@ def render(
         from the front, the head above, where the file says how they lie (DICOM, NIfTI, some NRRD); what stands on
         something, or is tall, upright. With --up, 1,0.6,0.4 for z, and turned with it.
     up
-        X,Y,Z or an axis (y, -z): upwards in the image. By default as suggested; with --direction z.
+        X,Y,Z or an axis (y, -z): upwards in the image. By default as suggested; with --direction z, or y along z.
     view_angle
         Vertical angle of view in degrees.
     parallel
