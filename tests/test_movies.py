@@ -123,6 +123,19 @@ def test_an_orbit_is_counter_clockwise_and_keeps_its_distance(volume):
     np.testing.assert_allclose(images[0].rgba, images[2].rgba, atol=0.05)  # a sphere
 
 
+def test_an_orbit_frames_what_an_integrator_shows():
+    """Of a maximum all that is not dark, whatever is opaque; of an isosurface what is above it."""
+    values = np.zeros((12, 12, 12), np.uint8)
+    values[2:10, 2:10, 2:10] = 150
+    values[5:7, 5:7, 5:7] = 250
+    rare = wvr.TransferFunction([(0, "black", 0.0), (200, "white", 0.0), (250, "white", 0.9)])
+    whole = wvr.TransferFunction([(0, "gold", 1.0), (1, "gold", 1.0)])
+    for tf, method, least in ((rare, wvr.Projection("max"), 12), (whole, wvr.Isosurface(200), 8)):
+        for image in wvr.orbit(values, tf, 2, size=(24, 24), integrator=method):
+            seen = np.argwhere(image.rgba[..., 0] > 0.1)
+            assert seen.min() > 0 and seen.max() < 23 and np.ptp(seen, axis=0).min() > least
+
+
 def test_what_stands_is_upright_all_the_way_around():
     values = np.zeros((12, 12, 12), np.uint8)
     values[3:9, :2, 3:9] = values[5:7, :9, 5:7] = 200  # on a face of the lowest y

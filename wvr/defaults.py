@@ -52,6 +52,7 @@ class Look(NamedTuple):
     shadows: ConvolutionShadows | None
     background: Any
     segmentation: Segmentation | None
+    shown: Any  # what says where there is something to see, to a camera
 
 
 class Call(NamedTuple):
@@ -141,7 +142,7 @@ class Call(NamedTuple):
         camera = camera_of(self.camera, placed, shown, size[0] / size[1], clip_list(self.clip))
         lighting = lighting_of(self.lighting, self.lit(volume, chosen), camera)
         shadows = shadows_of(self.shadows, lighting, camera)
-        return Look(function, camera, lighting, shadows, self.behind(seen, chosen), segmentation)
+        return Look(function, camera, lighting, shadows, self.behind(seen, chosen), segmentation, shown)
 
 
 def domain_of(integrator: Integrator | None, volume: Field) -> tuple[float, float] | None:

@@ -113,11 +113,11 @@ def orbit(
         raise TypeError("camera is what orbit chooses: give elevation and turn")
     call, rest = _split("orbit", transfer_function, options)
     look = call._replace(camera="iso").look(volume, size)
-    tf = look.transfer_function
-    shown = tf if look.segmentation is None else look.segmentation
-    points = visible_points(volume, shown, clip_list(rest.get("clip")))
+    points = visible_points(volume, look.shown, clip_list(rest.get("clip")))
     cameras = _around(points, volume, frames, elevation, turn, size[0] / size[1])
-    renderer = Renderer(volume, tf, background=look.background, segmentation=look.segmentation, **rest)
+    renderer = Renderer(
+        volume, look.transfer_function, background=look.background, segmentation=look.segmentation, **rest
+    )
 
     def images() -> Iterator[Image]:
         for camera in cameras:

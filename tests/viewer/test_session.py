@@ -13,6 +13,7 @@ import wvr
 from tests.viewer.helpers import Client, source, wait_for
 from wvr.viewer.describe import dumps
 from wvr.viewer.state import Source
+from wvr.viewer.viewer import source_of
 
 
 def still(client):
@@ -423,3 +424,13 @@ def test_a_canvas_of_rendercanvas_shows_the_still():
     assert not np.array_equal(scene.camera.position, session.source.first.camera.position)
     canvas.close()
     wait_for(lambda: not session._loop._thread.is_alive())
+
+
+def test_views_frame_what_the_integrator_shows():
+    """Of a maximum all that is not dark, as wvr.render does, and not what is opaque."""
+    volume, method = wvr.datasets.load("blobs", 24), wvr.Projection("max")
+    rare = [(0, "black", 0.0), (200, "white", 0.0), (255, "white", 0.9)]
+    with Client(source_of(volume, rare, {"camera": "iso", "integrator": method})) as client:
+        client.say("view", name="iso")
+        image = wvr.render(volume, rare, "iso", (64, 48), integrator=method)
+        assert np.array_equal(client.final().image.values, image.values, equal_nan=True)

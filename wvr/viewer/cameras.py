@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from ..camera import Camera
 from ..cuts.labels import Segmentation
+from ..defaults import framed_by
 from ..field.base import Field
 from ..framing import framed, visible_points
+from ..integrators import Integrator
 from ..validation import choice
 from ..views import NAMES, View, named_view
 from . import trackball
 from .state import Presentation
 
 
-def viewed(name: str, volume: Field, presentation: Presentation, labels: Segmentation | None) -> Camera:
-    """A view by name with all that is visible in the frame; ``"reset"`` is from where the camera is."""
+def viewed(
+    name: str, volume: Field, presentation: Presentation, labels: Segmentation | None, method: Integrator | None
+) -> Camera:
+    """A view by name with all that a ``method`` shows in the frame; ``"reset"`` is from where the camera is."""
     choice(name, "name", ("reset", *NAMES))
     camera = presentation.camera
     _, up, forward = camera.basis()
     view = View(-forward, up) if name == "reset" else named_view(name, volume)
-    shown = presentation.transfer_function if labels is None else labels.for_volume(volume)
+    tf = presentation.transfer_function
+    shown: Any = labels.for_volume(volume) if labels is not None else None if tf is None else framed_by(method, tf)
     found = visible_points(volume, shown, presentation.clips)
     aspect = presentation.size[0] / presentation.size[1]
     return framed(found, *view, view_angle=camera.view_angle, aspect=aspect, parallel=camera.parallel)

@@ -202,7 +202,7 @@ class Session:
     def _on_view(self, message: Message) -> None:
         presentation = self._presentation
         volume, labels = self.source.volume(presentation.frame), self.source.segmentation
-        camera = cameras.viewed(message["name"], volume, presentation, labels)
+        camera = cameras.viewed(message["name"], volume, presentation, labels, self.source.call.integrator)
         self._change(camera=camera)
         self._tell()
 
