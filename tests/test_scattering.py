@@ -198,6 +198,13 @@ def test_skipping_and_precision_change_nothing(device):
     np.testing.assert_allclose(single.rgba, fast.rgba, atol=2e-3)
 
 
+def test_a_length_that_the_volume_says():
+    volume, tf = slab(0.7)
+    tf = wvr.TransferFunction(list(zip(tf.knots, tf.colors, tf.opacities, strict=True)), unit_distance="pyvista")
+    image = scattered(volume, tf)
+    assert image.rgba.any() and np.array_equal(image.rgba, scattered(volume, tf.for_volume(volume)).rgba)
+
+
 @pytest.mark.parametrize(
     ("wrong", "named"),
     [

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from .camera import Camera, image_size
 from .cancel import cancelling
+from .field.base import Field
 from .frame import Frame
 from .image import Image
 from .integrators import Riemann
@@ -89,6 +90,8 @@ def single_scattering(
     Cancelled
         Where ``cancel`` is set before the image is done.
     """
+    if isinstance(volume, Field) and isinstance(transfer_function, TransferFunction):
+        transfer_function = transfer_function.for_volume(volume)
     scene = Scene(
         volume=volume,
         transfer_function=transfer_function,

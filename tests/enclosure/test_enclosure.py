@@ -148,6 +148,17 @@ def test_the_camera_inside():
         assert_encloses(found, 1 - 0.5 ** max(8 - start, 0))
 
 
+def test_a_length_that_the_volume_says():
+    """PyVista's unit distance, of the transfer function and of labels."""
+    volume = wvr.Volume(np.ones((4, 4, 4)), (1, 2, 3))
+    tf = wvr.TransferFunction([(0, "white", 0.5), (2, "white", 0.5)], unit_distance="pyvista")
+    truth = 1 - 0.5 ** (9 / tf.for_volume(volume).unit_distance)
+    labels = wvr.Segmentation(np.ones((4, 4, 4), np.uint8), {1: tf})
+    for own, segmentation in ((tf, None), (None, labels)):
+        found = enclosed(volume, own, along(2, center=(1.5, 3, 4)), (1, 1), segmentation=segmentation)
+        assert_encloses(found, truth)
+
+
 def test_a_thin_volume_is_one_spacing_thick():
     volume = wvr.Volume(np.ones((1, 1, 1), np.uint8), (1, 2, 3), (5, 6, 7))
     tf = wvr.TransferFunction([(0, "white", 0.5), (2, "white", 0.5)])

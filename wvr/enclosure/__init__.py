@@ -144,4 +144,5 @@ def prepare(
             )
     clips = clip_list(clip)
     check(clips)
-    return Scene(volume, transfer_function, clips, segmentation)
+    tf = None if transfer_function is None else transfer_function.for_volume(volume)
+    return Scene(volume, tf, clips, None if segmentation is None else segmentation.for_volume(volume))
