@@ -177,6 +177,13 @@ def test_a_time_series_has_one_look(kind, tmp_path):
     assert len(frames_of(wvr.time_series(data, output=tmp_path / "a", **FAST))) == 3
 
 
+def test_a_time_series_frames_what_clips_leave(volume):
+    options = FAST | {"clip": wvr.ClipBox((0, 0, 0), (5, 5, 5))}
+    first, single = next(wvr.time_series([volume], **options)), wvr.render(volume, **options)
+    np.testing.assert_array_equal(first.shown.camera.position, single.shown.camera.position)
+    np.testing.assert_array_equal(first.rgba, single.rgba)
+
+
 def test_a_time_series_may_begin_with_nothing():
     """As simulations do; over what scalars colours are is then said."""
     moments = np.zeros((2, 8, 8, 8), np.uint8)

@@ -113,7 +113,7 @@ def orbit(
         raise TypeError("camera is what orbit chooses: give elevation and turn")
     call, rest = _split("orbit", transfer_function, options)
     look = call._replace(camera="iso").look(volume, size)
-    points = visible_points(volume, look.shown, clip_list(rest.get("clip")))
+    points = visible_points(volume, look.shown, clip_list(call.clip))
     cameras = _around(points, volume, frames, elevation, turn, size[0] / size[1])
     renderer = Renderer(
         volume, look.transfer_function, background=look.background, segmentation=look.segmentation, **rest
@@ -271,7 +271,7 @@ def _split(function: str, transfer_function: Any, options: MovieOptions) -> tupl
     known = MovieOptions.__annotations__
     refuse(function, {name: given[name] for name in given if name not in known}, tuple(known))
     look = {name: given[name] for name in LOOK if name in given}
-    call = Call(transfer_function, integrator=given.get("integrator"), **look)
+    call = Call(transfer_function, clip=given.get("clip"), integrator=given.get("integrator"), **look)
     return call, {name: given[name] for name in given if name not in LOOK}
 
 
