@@ -25,7 +25,7 @@ def rendered(points, camera=None):
     [
         ([(300, "red", 0), (400, "red", 1)], "from 0 to 200, .* from 300 to inf; give it .* opacity among them"),
         ([(-9, "red", 1), (-5, "red", 0)], "from 0 to 200, .* from -inf to -5; give it .* opacity among them"),
-        ([(0, "red", 0), (255, "red", 0)], "it has no opacity at all; give it"),
+        ([(0, "red", 0), (255, "red", 0)], "the transfer function has no opacity at all; give it"),
         ([(0, "red", 0), (255, "red", 1e-5)], "^nothing is .* raise opacities, or make unit_distance smaller"),
         ([(0, "red", 0), (255, "red", 3e-3)], "^nearly nothing is .* raise opacities, or make unit_distance smaller"),
         ([(-1024, "red", 0), (3000, "red", 1)], "from 0 to 200, a small part .* from -1024 to 3000.*domain"),
@@ -35,6 +35,16 @@ def test_nothing_to_see(points, message):
     with pytest.warns(UserWarning, match=message) as caught:
         rendered(points)
     assert [one.filename for one in caught] == [__file__]
+
+
+def test_what_may_have_cut_it_away():
+    """Whatever it was: a depth, labels, samples that are NaN."""
+    tf = wvr.TransferFunction([(0, "red", 0.5), (255, "red", 0.5)])
+    array = np.where(np.indices((4, 4, 4)).sum(axis=0) % 2, np.nan, 1.0)
+    with pytest.warns(UserWarning, match=r"clips, labels and depth leave"):
+        wvr.render(VOLUME, tf, "iso", (8, 8), integrator=wvr.Riemann(0.5), depth=np.zeros((8, 8)))
+    with pytest.warns(UserWarning, match=r"clips, labels, samples that are NaN and depth leave"):
+        wvr.render(wvr.Volume(array, nan="transparent"), tf, "iso", (8, 8), integrator=wvr.Projection("max"))
 
 
 def test_what_is_opaque_but_small_or_out_of_view_is_not_called_faint():

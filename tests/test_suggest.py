@@ -208,6 +208,15 @@ def test_nan_is_neither_background_nor_seen():
     assert np.mean(tf.extinction(values[BALL]) > 0) > 0.02
 
 
+@pytest.mark.filterwarnings("error")
+def test_infinite_samples_and_ranges_of_few_numbers():
+    """Infinite samples next to each other have no difference; there are not always 256 numbers in a range."""
+    values = np.random.default_rng(6).random((8, 8, 8))
+    first(np.where(values < 0.2, np.inf, values), nan="transparent")
+    with pytest.raises(ValueError, match="at least two different finite samples"):
+        first(np.where(values < 0.5, 0.0, 5e-324))
+
+
 FILES = sorted(path.stem for path in DATA.glob("*.nrrd") if "curvilinear" not in path.stem)
 
 

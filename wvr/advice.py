@@ -34,9 +34,12 @@ def advise(scene: Scene, image: Image) -> None:
     data = f"the volume's scalars {f'go from {low:g} to {high:g}' if low < high else f'are all {low:g}'}"
     shown = [span for span in map(shown_by, scene.functions) if span is not None]
     most = image.most_opaque
+    # A cell with a sample that is no number is not there.
+    cut = f"clips, labels{'' if scene.volume.half.finite else ', samples that are NaN'} and depth"
     if most <= FAINT:
         begin, end = min((a for a, _ in shown), default=0.0), max((b for _, b in shown), default=0.0)
-        opaque = f"the transfer function has opacity from {begin:g} to {end:g}" if shown else "it has no opacity at all"
+        what = f"opacity from {begin:g} to {end:g}" if shown else "no opacity at all"
+        opaque = f"the transfer function has {what}"
         if not shown or end <= low or begin >= high:
             advice = "give it control points with opacity among them, or a preset clim=(low, high)"
         elif (thin := _thinnest(scene.volume)) < THIN:
@@ -44,10 +47,12 @@ def advise(scene: Scene, image: Image) -> None:
                 f"the box is {thin:.0e} times as thick as long, which rounding does not tell from nothing: see spacing"
             )
         elif not image.samples.any():
-            advice = "no ray meets any of it: see that the camera looks at the volume (Camera.fit) and clips leave it"
+            advice = (
+                f"no ray meets any of it: see that the camera looks at the volume (Camera.fit) and that {cut} leave it"
+            )
         elif _deepest(scene) > OPAQUE:
             advice = (
-                "what is opaque is small or out of view: see where the camera looks, what clips leave, and wvr info"
+                f"what is opaque is small or out of view: see where the camera looks, what {cut} leave, and wvr info"
             )
         else:
             advice = "raise opacities, or make unit_distance smaller"

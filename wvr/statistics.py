@@ -15,6 +15,8 @@ Kind = Literal["labels", "ct", "object", "field"]
 
 SAMPLES = 128  # at most, along an axis, are looked at
 BINS = 256
+# Ranges down to here are so many numbers that there are bins.
+LEAST = 1e-316
 # So many labels at most; so many neighbours of all that are not both background have the same.
 MOST_LABELS, ALIKE = 256, 0.75
 # A padding is at least this part of all samples and at most that, and so far from all others [their range].
@@ -65,13 +67,13 @@ class Statistics:
                 continue
             lo, hi = _span(finite)
             # Closer than this, float64 cannot keep the control points apart.
-            if hi - lo <= 1e-12 * max(abs(lo), abs(hi)):
+            if hi - lo <= max(1e-12 * max(abs(lo), abs(hi)), LEAST):
                 continue
             padding = _padding(finite)
             if padding is not None:
                 samples[samples == padding] = np.nan
                 lo, hi = _span(samples[np.isfinite(samples)])
-                if hi - lo <= 1e-12 * max(abs(lo), abs(hi)):
+                if hi - lo <= max(1e-12 * max(abs(lo), abs(hi)), LEAST):
                     return cls(volume, np.where(np.isfinite(picked), picked, np.nan), strides, _span(finite), None)
             return cls(volume, samples, strides, (lo, hi), padding)
         raise ValueError(
@@ -181,7 +183,7 @@ class Statistics:
         for axis in range(3):
             a, b = (np.take(whole, span, axis) for span in _pairs(whole.shape[axis]))
             both = (a > above) & (b > above) & (a < below) & (b < below)
-            differences.append((a - b)[both])
+            differences.append(a[both] - b[both])  # none of infinite ones
         steps = np.concatenate(differences)
         return steps.size < 8 or float(np.sqrt(np.mean((steps / largest) ** 2))) < 0.9 * np.sqrt(2) * spread
 
