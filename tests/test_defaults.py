@@ -8,6 +8,8 @@ import wvr
 from wvr.defaults import Call, camera_of, function_of, lighting_of, recolored, studio
 from wvr.presets import preset, suggest
 
+from .extending.point_light import PointLight
+
 FAST = {"size": (16, 12), "integrator": wvr.Riemann(1.0)}
 
 
@@ -98,6 +100,10 @@ def test_shadows_in_other_words(volume):
     look = Call(camera=camera, lighting=wvr.Lighting(light=sun), shadows=True).look(volume, (8, 8))
     assert look.shadows == wvr.ConvolutionShadows(light=sun)
     assert Call(camera=camera, shadows=False).look(volume, (8, 8)).shadows is None
+    # Light of a place does not go from slice to slice, and there may be none.
+    for lights in ((PointLight((0, 0, 9)), sun), ()):
+        look = Call(camera=camera, lighting=wvr.Lighting(light=lights), shadows=np.True_).look(volume, (8, 8))
+        assert look.shadows.lights == ((sun,) if lights else studio(camera).lights[:1])
 
 
 def test_a_picture_of_nothing_is_warned_of():

@@ -363,9 +363,15 @@ def lighting_of(given: LightingLike | None, surfaces: bool, camera: Camera) -> L
 
 
 def shadows_of(given: Any, lighting: Lighting | None, camera: Camera) -> ConvolutionShadows | None:
-    """The shadows that are meant: True is those of the lighting's first light, or of that from the upper left."""
+    """The shadows that are meant: True is those of the lighting's first light that goes one way, or of that from the
+    upper left.
+    """
+    if isinstance(given, np.bool_):
+        given = bool(given)
     if given is True:
-        return ConvolutionShadows(light=(studio(camera) if lighting is None else lighting).lights[0])
+        lights = () if lighting is None else lighting.lights
+        own = [light for light in lights if light.way(camera.basis()[2]) is not None]
+        return ConvolutionShadows(light=(own or studio(camera).lights)[0])
     if given is None or given is False or isinstance(given, ConvolutionShadows):
         return given or None
     raise TypeError(f"shadows must be a ConvolutionShadows, True, False or None, got {given!r}")

@@ -317,8 +317,9 @@ def render(
         holds for opacity and for the image without light; with light, colours converge as it decreases.
     shadows
         A :class:`ConvolutionShadows`: light that is attenuated and spread on its way; True is that of the first light
-        of the lighting, or of one at the camera's upper left. By default none. A tolerance then holds for opacity and
-        for the image without shadows. Colours lit by ``lighting``, if there is any, are in shadow as a whole.
+        of the lighting that goes one way, or of one at the camera's upper left. By default none. A tolerance then holds
+        for opacity and for the image without shadows. Colours lit by ``lighting``, if there is any, are in shadow as a
+        whole.
     background
         What display, PNG and JPEG files put behind the volume: a colour name, ``"#rrggbb"`` or three linear numbers,
         or ``"transparent"``. By default black where opacities are suggested, and else nothing.
