@@ -182,12 +182,15 @@ class Image:
         Raises
         ------
         ValueError
-            For an image of a method without adaptive steps.
+            For an image of a method without adaptive steps, of a volume in bricks, or that is a copy.
         IndexError
             For a pixel outside the image.
         """
         if self._tracer is None:
-            raise ValueError(f"trace needs an adaptive integrator, got {self.stats.get('integrator', 'none')}")
+            raise ValueError(
+                f"trace needs an image that wvr.render made with an adaptive integrator, of a volume that is not in "
+                f"bricks, in the process that made it, got one of {self.stats.get('integrator', 'none')}"
+            )
         return self._tracer(*self._pixel(x, y))
 
     def depth(self, opacity: float = 0.5) -> NDArray[np.float64]:

@@ -1,5 +1,7 @@
 """Adaptive Simpson integration: within its tolerance, its steps by the rules of the paper, and a recursive oracle."""
 
+import copy
+
 import numpy as np
 import pytest
 
@@ -248,11 +250,13 @@ def test_errors(kwargs, message):
 
 def test_trace_errors(smooth):
     image = wvr.render(*smooth, (4, 4), integrator=wvr.Riemann(1.0))
-    with pytest.raises(ValueError, match=r"trace needs an adaptive integrator, got Riemann\(step=1.0"):
+    with pytest.raises(ValueError, match=r"with an adaptive integrator, .* got one of Riemann\(step=1.0"):
         image.trace(0, 0)
     image = wvr.render(*smooth, (4, 4), integrator=wvr.AdaptiveSimpson(1e-2))
     with pytest.raises(IndexError, match="x, y must be a pixel of the 4 x 4 image, got 4, 0"):
         image.trace(4, 0)
+    with pytest.raises(ValueError, match="in the process that made it, got one of AdaptiveSimpson"):
+        copy.copy(image).trace(0, 0)
 
 
 @every_coupling
