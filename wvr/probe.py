@@ -76,6 +76,9 @@ def make_prober(frame: Any, again: Callable[[Scene, Keeper, tuple[int, int] | No
         if [volume.version for volume in volumes] != versions:
             raise ValueError("depth needs the samples that the image was made of, which somebody wrote into since")
         integrator = scene.integrator.reaching(opacity)
+        if any(not hasattr(scene.volume.half, name) for name in integrator.asks):
+            kind = type(scene.volume).__name__
+            raise ValueError(f"depth needs a volume that says what it is inside a cell, which a {kind} does not")
         sought = replace(frame.given, integrator=integrator, lighting=None, shadows=None, clips=clips)
         sought.check(frame.camera)
         with keep.lock.held(), keep.frame():

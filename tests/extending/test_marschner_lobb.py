@@ -133,3 +133,10 @@ def test_renderer_keeps_what_an_equal_field_has_built():
 def test_integrators_that_go_cell_by_cell_are_refused(integrator):
     with pytest.raises(ValueError, match=r"integrator must be one that only samples the volume, .* a MarschnerLobb"):
         image(FIELD, integrator)
+
+
+def test_what_needs_samples_or_cells_says_so():
+    with pytest.raises(ValueError, match="memory_limit is for volumes of samples, which a MarschnerLobb does not have"):
+        image(FIELD, wvr.Riemann(0.5), memory_limit="1 GiB")
+    with pytest.raises(ValueError, match="depth needs a volume that says what it is inside a cell, which a Marsch"):
+        image(FIELD, Gauss(0.1)).depth()

@@ -44,6 +44,10 @@ def check(scene: Scene, reading: Reading) -> None:
         not to be read and there is no bound to say so.
     """
     integrator = scene.integrator
+    if not scene.volume.stored and not hasattr(scene.volume, "host"):
+        raise ValueError(
+            f"memory_limit is for volumes of samples, which a {type(scene.volume).__name__} does not have: leave it out"
+        )
     if not (integrator.splits or integrator.probes):
         raise ValueError(
             f"integrator must be one whose rays are composed of those of bricks, such as Certified, for a volume in "
