@@ -33,7 +33,7 @@ def test_one_line_is_the_whole_of_it(volume):
 def test_what_is_given_in_full_is_left_alone(volume):
     tf, camera = wvr.TransferFunction([(0, "red", 0.0), (200, "white", 0.5)]), wvr.Camera.fit(volume)
     look = Call(tf, camera).look(volume, (8, 8))
-    assert look == (tf, camera, None, None, None, None)
+    assert look == (tf, camera, None, None, None, None, tf)
 
 
 @pytest.mark.parametrize(
