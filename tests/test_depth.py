@@ -196,7 +196,7 @@ def test_bad_input():
         wvr.render(volume, FOG, "iso", (8, 6), depth=np.ones((8, 6)))
     with pytest.raises(TypeError, match="depth must be numbers"):
         wvr.render(volume, FOG, "iso", (8, 6), depth="far")
-    with pytest.raises(ValueError, match="only samples the volume"):
+    with pytest.raises(ValueError, match="depth needs a volume that says what it is inside a cell, which a Marsch"):
         field = MarschnerLobb()
         wvr.render(field, FOG, wvr.Camera.fit(field), (4, 4), integrator=wvr.Simpson(0.5)).depth()
     with pytest.raises(ValueError, match=r"wvr\.render made"):

@@ -135,8 +135,6 @@ def test_integrators_that_go_cell_by_cell_are_refused(integrator):
         image(FIELD, integrator)
 
 
-def test_what_needs_samples_or_cells_says_so():
+def test_what_needs_samples_says_so():
     with pytest.raises(ValueError, match="memory_limit is for volumes of samples, which a MarschnerLobb does not have"):
         image(FIELD, wvr.Riemann(0.5), memory_limit="1 GiB")
-    with pytest.raises(ValueError, match="depth needs a volume that says what it is inside a cell, which a Marsch"):
-        image(FIELD, Gauss(0.1)).depth()
