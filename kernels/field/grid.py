@@ -30,11 +30,11 @@ class Grid:
 
     def value(self, real: type) -> Any:
         """``value(field, p)`` -> ``real``, the field at index coordinates p."""
-        return make_value(self.dtype, real)
+        return make_value(self.dtype, real, self.finite)
 
     def differences(self, real: type, kind: str) -> Any:
         """``differences(field, p)`` -> its gradient there, per index; ``kind`` is "central" or "cell"."""
-        return make_differences(self.dtype, real, kind)
+        return make_differences(self.dtype, real, kind, self.finite)
 
     def cubic(self) -> Any:
         """``cubic(field, i, j, k, p, d)`` -> vec4d, it in a cell along p + t d, p from the cell's first corner."""

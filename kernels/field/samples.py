@@ -3,7 +3,9 @@
 The constant (``shift``, about the middle of the control points where those are far from 0) is taken from floating-point
 samples as they are loaded, so that data such as 1e6 +- 1 keep their range in float32; integers up to 16 bits are exact
 without it.
-A cell with a NaN or infinite corner has no finite value, which is how absent data travel.
+A cell with a NaN or infinite corner has no finite value, which is how absent data travel. What has no weight at a place
+says nothing there: faces of absent cells belong to those behind as well, so that steps that end in a face are of the
+side that they are on, whichever way samples are stored.
 """
 
 from functools import cache
@@ -55,13 +57,55 @@ def make_whole(dtype):
 
 
 @cache
-def make_value(dtype, real):
-    """``value(field, p)`` -> ``real`` at index coordinates ``p``."""
+def make_layered(real):
+    """``layered(last, p)``: p, in a layer of samples where it is next to one: the scalar is that layer's, on whichever
+    side rounding puts p.
+    """
+    vec3 = vec3_of(real)
+    # Rounding of a place on a ray, in parts of the grid.
+    rounding = 2.0**-22 if real is wp.float32 else 2.0**-40
+
+    @wp.func
+    def layered(last: wp.vec3i, p: vec3):
+        for a in range(3):
+            layer = wp.rint(p[a])
+            if wp.abs(p[a] - layer) <= real(rounding) * real(last[a] + 1):
+                p[a] = layer
+        return p
+
+    return layered
+
+
+@cache
+def make_mix(real, finite):
+    """``mix(a, b, u)``: a for u = 0, b for u = 1, linear between; of those that may not be ``finite`` neither matters
+    where it has no weight.
+    """
+
+    @wp.func
+    def mix(a: real, b: real, u: real):
+        if not wp.static(finite):
+            if u == real(0.0):
+                return a
+            if u == real(1.0):
+                return b
+        return a + u * (b - a)
+
+    return mix
+
+
+@cache
+def make_value(dtype, real, finite=True):
+    """``value(field, p)`` -> ``real`` at index coordinates ``p``, of samples that are all ``finite`` or not."""
     vec3 = vec3_of(real)
     Field, corner = make_corner(dtype, real)
+    layered = make_layered(real)
+    mix = make_mix(real, finite)
 
     @wp.func
     def value(field: Field, p: vec3):
+        if not wp.static(finite):
+            p = layered(field.last, p)
         # The outer max with 0 also tells the compiler that no index is negative, which saves Warp's wrap-around.
         i = wp.max(wp.min(int(p[0]), field.last[0]), 0)
         j = wp.max(wp.min(int(p[1]), field.last[1]), 0)
@@ -76,20 +120,18 @@ def make_value(dtype, real):
         c010 = corner(field, i, j1, k)
         c001 = corner(field, i, j, k1)
         c011 = corner(field, i, j1, k1)
-        c00 = c000 + x * (corner(field, i1, j, k) - c000)
-        c10 = c010 + x * (corner(field, i1, j1, k) - c010)
-        c01 = c001 + x * (corner(field, i1, j, k1) - c001)
-        c11 = c011 + x * (corner(field, i1, j1, k1) - c011)
-        c0 = c00 + y * (c10 - c00)
-        c1 = c01 + y * (c11 - c01)
-        return c0 + z * (c1 - c0)
+        c00 = mix(c000, corner(field, i1, j, k), x)
+        c10 = mix(c010, corner(field, i1, j1, k), x)
+        c01 = mix(c001, corner(field, i1, j, k1), x)
+        c11 = mix(c011, corner(field, i1, j1, k1), x)
+        return mix(mix(c00, c10, y), mix(c01, c11, y), z)
 
     return value
 
 
 @cache
-def make_differences(dtype, real, kind):
-    """``differences(field, p)`` -> vec3, the gradient at index coordinates ``p``, in samples.
+def make_differences(dtype, real, kind, finite=True):
+    """``differences(field, p)`` -> vec3, the gradient at index coordinates ``p``, in samples, all ``finite`` or not.
 
     ``kind`` "central": differences of the trilinear field over a voxel to each side, which are those of the samples,
     interpolated; at the box's faces they are one-sided. "cell": the field's own derivatives, which jump at cell faces.
@@ -97,21 +139,24 @@ def make_differences(dtype, real, kind):
     vec3 = vec3_of(real)
     Field, corner = make_corner(dtype, real)
     central = kind == "central"
+    layered = make_layered(real)
+    mix = make_mix(real, finite)
 
     @wp.func
     def bilinear(a: real, b: real, c: real, d: real, u: real, v: real):
-        low = a + u * (b - a)
-        return low + v * (c + u * (d - c) - low)
+        return mix(mix(a, b, u), mix(c, d, u), v)
 
     @wp.func
     def slope(before: real, low: real, high: real, after: real, u: real, below: int, above: int):
         """Between differences of the samples at both ends of a cell, which reach so many samples away."""
         first = (high - before) / real(1 + below)
         last = (after - low) / real(1 + above)
-        return first + u * (last - first)
+        return mix(first, last, u)
 
     @wp.func
     def differences(field: Field, p: vec3):
+        if not wp.static(finite):
+            p = layered(field.last, p)
         i = wp.max(wp.min(int(p[0]), field.last[0]), 0)
         j = wp.max(wp.min(int(p[1]), field.last[1]), 0)
         k = wp.max(wp.min(int(p[2]), field.last[2]), 0)

@@ -11,6 +11,7 @@ import warp as wp
 
 from ..precision import vec3_of
 from .blocks import BITS, EMPTY, Blocks
+from .samples import make_layered
 
 # A leap of a march in float32 ends so much before a face, for the rounding of positions.
 MARGIN = 1.0e-4
@@ -39,21 +40,16 @@ def cell_at(last: wp.vec3i, p: wp.vec3d):
 @cache
 def make_within(real):
     """``within(last, p)``: p, an end of a ray, or the nearest point of the box, as rounding may put it out of there,
-    and scalars beyond those that there are may look like anything; in a layer of samples where it is next to one: the
-    scalar is that layer's, on whichever side rounding puts p.
+    and scalars beyond those that there are may look like anything; ``layered``.
     """
     vec3 = vec3_of(real)
-    # Rounding of a place on a ray, in parts of the grid.
-    rounding = 2.0**-22 if real is wp.float32 else 2.0**-40
+    layered = make_layered(real)
 
     @wp.func
     def within(last: wp.vec3i, p: vec3):
         for a in range(3):
             p[a] = wp.clamp(p[a], real(0.0), real(last[a] + 1))
-            layer = wp.rint(p[a])
-            if wp.abs(p[a] - layer) <= real(rounding) * real(last[a] + 1):
-                p[a] = layer
-        return p
+        return layered(last, p)
 
     return within
 

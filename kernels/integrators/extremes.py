@@ -13,7 +13,7 @@ import warp as wp
 from ..field.cell import at, turns
 from ..field.climb import Tops
 from ..field.peaks import Peaks, promising
-from ..field.walk import make_walk
+from ..field.walk import cell_at, make_walk
 from ..transfer.function import make_transfer
 from .found import SHORTEST, Found
 
@@ -54,7 +54,7 @@ def make_probe(halves):
     finite = halves.field.finite
     vectors = halves.vectors
     find = (halves.field.climb if vectors else halves.field.seek)(halves.march.sign)
-    value = halves.field.value(real)
+    cubic = halves.field.cubic()
     sign = wp.constant(real(halves.march.sign))
     Walk, enter, _, _ = make_walk(real)
 
@@ -123,7 +123,10 @@ def make_probe(halves):
             beside = found.hint > start + touched and found.hint < end - touched
         if beside:
             # Much the same as what there is beside.
-            s = sign * value(scene.field, origin + found.hint * direction)
+            p = origin + found.hint * direction
+            cell = cell_at(scene.field.last, p)
+            local = p - wp.vec3d(real(cell[0]), real(cell[1]), real(cell[2]))
+            s = sign * cubic(scene.field, cell[0], cell[1], cell[2], local, wp.vec3d())[0]
             if s > found.value and (wp.static(finite) or wp.isfinite(s)):
                 found.value = s
                 found.place = found.hint

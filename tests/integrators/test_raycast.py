@@ -1,5 +1,7 @@
 """The ray caster against closed forms, an independent float64 reference, its order of convergence, and invariances."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -275,6 +277,25 @@ def test_absent_data_render_as_nothing(device, integrator, bad):
     assert 1 - 0.9 ** (9 - 2 * 0.37) - 1e-6 <= hole <= 1 - 0.9 ** (9 + 2 * 0.37) + 1e-6
     inside = alpha[alpha > 0]
     assert np.mean(inside < full - 1e-4) == pytest.approx(4 / 121, abs=0.02)
+
+
+@every_integrator
+def test_a_step_that_ends_in_the_face_of_an_absent_cell_counts(integrator):
+    """On whichever side that cell's samples are stored."""
+    data = np.full((9, 9, 9), 5.0, np.float32)
+    data[5:] = np.nan
+    tf = wvr.TransferFunction([(0, (1, 1, 1), 0.1), (9, (1, 1, 1), 0.1)])
+    if hasattr(integrator, "step"):
+        integrator = replace(integrator, step=2.0 if integrator == INTEGRATORS["oversampled"] else 0.5)
+    alpha = []
+    for samples, way in ((data, 1.0), (data[::-1].copy(), -1.0)):
+        volume = wvr.Volume(samples, (1, 1, 1), (-4, -4, -4 * way), np.diag([1, 1, way]), nan="transparent")
+        image = wvr.render(volume, tf, along(2, -1, 3.1), (8, 8), integrator=integrator, termination=0)
+        alpha.append(image.rgba[..., 3])
+    assert np.abs(alpha[0] - alpha[1]).max() < 1e-6
+    # But for whole steps of different orders across the face.
+    off = 0.03 if integrator == INTEGRATORS["AdaptiveSimpson"] else 1e-6
+    assert np.abs(alpha[0] - (1 - 0.9**4)).max() < off
 
 
 # Invariances

@@ -336,6 +336,41 @@ def test_what_is_cut_away_casts_no_shadow():
     assert np.abs(whole - expected).max() > 0.1
 
 
+@pytest.mark.parametrize("way", [(0, 0, -1), (1, 0, 0)], ids=["across", "along"])
+def test_slices_in_the_face_of_an_absent_cell_are_of_both_its_sides(way):
+    """And light along it: whichever way the samples are stored."""
+    data = np.random.default_rng(1).uniform(0.2, 0.9, (9, 9, 9)).astype(np.float32)
+    data[5:] = data[:, :, :4] = np.nan
+    tf = wvr.TransferFunction([(0, "white", 0.2), (1, "white", 0.4)], unit_distance=1.0)
+    camera = wvr.Camera((0, 0, 20), (0, 0, 0), up=(0, 1, 0), parallel_scale=3.9)
+    shadows = wvr.ConvolutionShadows(light=wvr.DirectionalLight(way), image="slices")
+    images = []
+    for turn in (slice(None), slice(None, None, -1)):
+        side = 1 if turn.step is None else -1
+        volume = wvr.Volume(
+            data[turn, :, turn].copy(), (1, 1, 1), (-4 * side, -4, -4 * side), np.diag([side, 1, side]), "transparent"
+        )
+        images.append(wvr.render(volume, tf, camera, (8, 8), shadows=shadows, lighting=False).rgba)
+    assert np.abs(images[0] - images[1]).max() < 1e-5
+    # Half of it is there.
+    assert 1 - 0.8**4 < images[0][..., 3].max() < 1 - 0.6**4 and not images[0][:, :3].any()
+
+
+def test_light_along_the_boundary_of_labels_is_the_same_whatever_they_are_called():
+    volume = wvr.Volume(np.ones((8, 8, 8), np.uint8))
+    thin, dense = (wvr.TransferFunction([(0, "white", a), (2, "white", a)]) for a in (0.1, 0.5))
+    right = (np.indices(volume.shape)[2] > 3).astype(np.uint8)
+    camera = wvr.Camera((3.5, 3.5, 20), (3.5, 3.5, 3.5), up=(0, 1, 0), parallel_scale=4)
+    named = [
+        wvr.Segmentation(right, {0: thin, 1: dense}),
+        wvr.Segmentation(right, {1: dense, 0: thin}),
+        wvr.Segmentation(7 - 5 * right, {2: dense, 7: thin}),
+        wvr.Segmentation(right, {1: dense}, other=thin),
+    ]
+    images = [shaded(volume, None, camera, (8, 8), render={"segmentation": labels}).rgba for labels in named]
+    assert images[0].any() and all(np.array_equal(image, images[0]) for image in images[1:])
+
+
 def test_lit_and_in_shadow(blobs):
     tf = wvr.TransferFunction([(60, "red", 0.0), (200, "white", 0.5)])
     camera, lighting = wvr.Camera.fit(blobs), wvr.Lighting(light=DIRECTED)

@@ -141,6 +141,8 @@ class Segmentation(Fixed):
         functions: dict[bytes, TransferFunction] = {tf.key: tf for tf in self.transfer_functions.values()}
         if self.other is not None and len(self.transfer_functions) < number:
             functions.setdefault(self.other.key, self.other)
+        # In an order of their own: of two that weigh the same the first is there, whatever labels are called.
+        functions = dict(sorted(functions.items(), key=lambda item: (item[1].colors.tobytes(), item[0])))
         index = {key: i for i, key in enumerate(functions)}
         rest = len(functions) if self.other is None else index.get(self.other.key, len(functions))
         states = np.full(number, rest)
