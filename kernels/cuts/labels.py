@@ -69,15 +69,18 @@ def indicated(states: vec8i, state: int, local: wp.vec3d, direction: wp.vec3d):
 
 
 @wp.func
-def strongest(states: vec8i, local: wp.vec3d):
-    """The state of the largest weight at a point of a cell, of the states of its corners."""
-    state = int(0)
-    most = wp.float64(-1.0)
+def strongest(states: vec8i, local: wp.vec3d, near: wp.float64):
+    """The state of the largest weight at a point of a cell, of the states of its corners; of those that are as large
+    but for ``near`` the first.
+    """
+    weights = vec8d()
     for n in range(8):
-        weight = indicated(states, states[n], local, wp.vec3d())[0]
-        if weight > most or (weight == most and states[n] < state):
-            state = states[n]
-            most = weight
+        weights[n] = indicated(states, states[n], local, wp.vec3d())[0]
+    least = wp.max(weights) - near
+    state = wp.max(states)
+    for n in range(8):
+        if weights[n] >= least:
+            state = wp.min(state, states[n])
     return state
 
 
@@ -94,9 +97,10 @@ def but_for(states: vec8i, state: int):
 
 @cache
 def make_label_at(dtype, real):
-    """``label_at(labels, p)``: the state of a point."""
+    """``label_at(labels, p)``: the state of a point, on a boundary the same on whichever side rounding puts p."""
     Labels = make_labels(dtype, real)
     states_of = make_states(dtype)
+    near = 2.0**-18 if real is wp.float32 else 2.0**-40
 
     @wp.func
     def label_at(labels: Labels, p: wp.vec3d):
@@ -109,7 +113,7 @@ def make_label_at(dtype, real):
                 local = p
                 for a in range(3):
                     local[a] -= wp.float64(cell[a])
-                found = strongest(states, local)
+                found = strongest(states, local, wp.float64(near))
         return found
 
     return label_at
@@ -154,7 +158,7 @@ def make_label_span(dtype, real, bounded=False):
                 if found == MIXED:
                     local = origin + w.t * direction - wp.vec3d(wp.float64(i), wp.float64(j), wp.float64(k))
                     if state == NOTHING:
-                        state = strongest(states, local)
+                        state = strongest(states, local, wp.float64(0.0))
                     weight = indicated(states, state, local, direction)
                     change = after.t - w.t
                     others = but_for(states, state)

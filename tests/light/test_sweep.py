@@ -371,6 +371,20 @@ def test_light_along_the_boundary_of_labels_is_the_same_whatever_they_are_called
     assert images[0].any() and all(np.array_equal(image, images[0]) for image in images[1:])
 
 
+def test_rounding_does_not_decide_on_labels_of_light_along_their_boundary():
+    """Nor does the way in which they are stored: columns of light are half-way between samples."""
+    labels = np.random.default_rng(3).integers(0, 2, (6, 6, 6)).astype(np.uint8)
+    functions = {n: wvr.TransferFunction([(0, "white", a), (2, "white", a)]) for n, a in enumerate((0.1, 0.5))}
+    camera = wvr.Camera((0, 0, 20), (0, 0, 0), up=(0, 1, 0), parallel_scale=3)
+    images = []
+    for side in (1, -1):
+        volume = wvr.Volume(np.ones((6, 6, 6), np.uint8), origin=(-2.5 * side,) * 3, direction=side * np.eye(3))
+        stored = wvr.Segmentation(labels[::side, ::side, ::side].copy(), functions)
+        options = {"spread": 0.0, "slice_distance": 5 / 7}
+        images.append(shaded(volume, None, camera, (8, 8), render={"segmentation": stored}, **options).rgba)
+    assert images[0].any() and np.abs(images[0] - images[1]).max() < 1e-9
+
+
 def test_lit_and_in_shadow(blobs):
     tf = wvr.TransferFunction([(60, "red", 0.0), (200, "white", 0.5)])
     camera, lighting = wvr.Camera.fit(blobs), wvr.Lighting(light=DIRECTED)
