@@ -292,6 +292,18 @@ def test_labels_are_shown_and_not_edited():
         assert "segmentation=segmentation" in client.last("text")["text"] and len(client.errors) == 1
 
 
+def test_a_mean_over_labels_has_the_colours_of_a_transfer_function():
+    volume = wvr.datasets.load("blobs", 16)
+    tf = wvr.TransferFunction([(0, "red", 0.0), (255, "white", 0.5)])
+    labels = wvr.Segmentation(np.ones(volume.shape, np.uint8), {1: tf})
+    mean = wvr.Projection("mean")
+    call = wvr.defaults.Call(tf, wvr.Camera.fit(volume), segmentation=labels, integrator=mean)
+    with Client(Source([volume], call, {"integrator": mean})) as client:
+        picture = client.final()
+        truth = wvr.render(volume, tf, call.camera, picture.image.size, segmentation=labels, integrator=mean)
+        assert np.array_equal(picture.image.rgba, truth.rgba) and not client.errors
+
+
 def test_views_and_projections():
     with Client(source()) as client:
         for name in ("iso", "xy", "zx", "reset"):

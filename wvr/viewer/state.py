@@ -14,6 +14,7 @@ from ..cached import cached_property
 from ..camera import Camera
 from ..cuts.base import Clip, clip_list
 from ..defaults import Call, lighting_of, shadows_of
+from ..integrators import Projection
 from ..launch import get_device
 from ..light.lighting import Lighting
 from ..light.lights import DirectionalLight
@@ -142,8 +143,10 @@ class Source:
         lighting = given if given is not None else look.lighting is not None
         shadows = self.call.shadows
         self.clips = clip_list(self.call.clip)
-        # With labels, a transfer function is not used.
-        function = look.transfer_function if self.segmentation is None else None
+        # With labels, a transfer function is not used but by what has the colour of none of them.
+        method = self.call.integrator
+        alone = self.segmentation is None or (isinstance(method, Projection) and not method.seeks)
+        function = look.transfer_function if alone else None
         self.first = Presentation(look.camera, function, lighting=lighting, shadows=shadows, clips=self.clips)
 
     def given(self, frame: int) -> Any:
