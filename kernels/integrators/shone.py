@@ -123,29 +123,32 @@ def make_shone(halves):
             size = wp.length(middle)
             second = wp.length(g2 + (real(3.0) * v) * g3) + h * wp.length(g3)
             r = h * (wp.length(g1 + v * (real(2.0) * g2 + (real(3.0) * v) * g3)) + h * second)
+            most = size + r
             if wp.static(halves.cuts.clipped):
-                normal = scene.light.cut
+                cut = scene.light.cut
                 behind = wp.length(c.middle + start * to - scene.light.cut_point)
-                if behind < one and wp.dot(normal, normal) > real(0.0):
-                    across = wp.abs(wp.dot(normal, middle)) > r
-                    r += real(2.0) * h * wp.length(to) * wp.max(size + r, real(wp.static(CUT)))
-                    size *= wp.where(across, real(0.7), real(0.0))
+                if behind < one and wp.dot(cut, cut) > real(0.0):
+                    there = wp.length(towards_cut(scene, c.middle + v * to, middle))
+                    most = wp.max(most, real(wp.static(CUT)))
+                    size = wp.where(wp.abs(wp.dot(cut, middle)) < r, real(0.0), there)
+                    r += real(2.0) * h * wp.length(to) * most
             least = wp.max(size - r, real(0.0))
-            fades = shading.faint / (least * least + shading.faint)
+            none = shading.faint / (most * most + shading.faint)
+            fades = shading.faint / (least * least + shading.faint) - none
             turn = wp.min(r / wp.max(size - half * r, tiny), real(wp.static(ROUGH)))
             if wp.static(placed):
                 turn = wp.min(turn + swing(scene, c.middle + v * to, h * to, c.eye), real(wp.static(ROUGH)))
             glints = wp.min(real(1.6) * wp.sqrt(shading.shininess) * turn, real(wp.static(ROUGH)))
             if shading.shininess < one:
                 glints = real(wp.static(CUSP)) * wp.pow(real(1.6) * turn, shading.shininess)
-            glints += fades
-            turn += fades
+            glints = (one - none) * glints + fades
+            turn = (one - none) * turn + fades
             # And by how much coefficients do, which are linear in the scalar.
             s = c.m[0] + v * (m1 + v * (m2 + v * m3))
             at = factors(scene, k, s)
-            most = factors(scene, k, s + around(m1, m2, m3, v, h)) - at
-            change = shading.ambient * wp.abs(most[0]) + shading.diffuse * (at[1] * turn + wp.abs(most[1]))
-            change += shading.specular * (at[2] * glints + wp.abs(most[2]))
+            rise = factors(scene, k, s + around(m1, m2, m3, v, h)) - at
+            change = shading.ambient * wp.abs(rise[0]) + shading.diffuse * (at[1] * turn + wp.abs(rise[1]))
+            change += shading.specular * (at[2] * glints + wp.abs(rise[2]))
             matters = c.T * A * part * change / scene.march.tolerance
             if matters > good[wp.static(last)] and part > real(wp.static(LEAST)):
                 part *= half

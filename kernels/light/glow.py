@@ -131,18 +131,21 @@ def make_glow(clipped):
         g2 = s.g2 + u * (real(3.0) * s.g3)
         size = wp.length(g)
         r = h * (wp.length(g1) + h * (wp.length(g2) + h * wp.length(s.g3)))
+        most = size + r
         if wp.static(clipped):
             if s.behind + (u - h) * s.reach < real(1.0) and wp.dot(s.cut, s.cut) > real(0.0):
-                across = wp.abs(wp.dot(s.cut, g)) > r
-                r += real(2.0) * h * wp.abs(s.reach) * wp.max(size + r, real(wp.static(CUT)))
-                size *= wp.where(across, real(0.7), real(0.0))
+                most = wp.max(most, real(wp.static(CUT)))
+                size = wp.where(wp.abs(wp.dot(s.cut, g)) < r, real(0.0), wp.length(at(s, u)))
+                r += real(2.0) * h * wp.abs(s.reach) * most
         least = wp.max(size - r, real(0.0))
-        fades = sheen.faint / (least * least + sheen.faint)
+        none = sheen.faint / (most * most + sheen.faint)
+        fades = sheen.faint / (least * least + sheen.faint) - none
         turn = wp.min(r / wp.max(size - real(0.5) * r, real(1.0e-30)), real(wp.static(ROUGH)))
         glints = wp.min(sheen.steep * turn, real(wp.static(ROUGH)))
         if sheen.shininess < real(1.0):
             glints = real(wp.static(CUSP)) * wp.pow(real(1.6) * turn, sheen.shininess)
-        return sheen.diffuse * (turn + fades) + sheen.specular * (glints + fades)
+        seen = real(1.0) - none
+        return sheen.diffuse * (seen * turn + fades) + sheen.specular * (seen * glints + fades)
 
     @wp.func
     def reached(p: Thin, begin: real, rate: real, part: real):

@@ -134,13 +134,14 @@ auto changes = [&](const vf* G, vf u, vf s) __attribute__((noinline)) -> vf {
         CUT_ACROSS
     }
     for (int c = 0; c < 3; ++c) a[c] = __builtin_elementwise_sqrt(a[c]);
-    vf r = s * (a[0] + s * (a[1] + s * a[2])), size = __builtin_elementwise_sqrt(square);
+    vf r = s * (a[0] + s * (a[1] + s * a[2])), size = __builtin_elementwise_sqrt(square), most = size + r;
     CUT_BEHIND
-    const vf least = MAX(size - r, zero), fades = faint / (least * least + faint);
+    const vf least = MAX(size - r, zero);
+    const vf none = faint / (most * most + faint), seen = 1.0f - none, fades = faint / (least * least + faint) - none;
     const vf turn = MIN(r / MAX(size - 0.5f * r, zero + 1e-30f), zero + ROUGH);
     const vf power = CUSP * fading(shininess * bare(MIN(MAX(1.6f * turn, zero + 1e-30f), zero + 1.0f)));
     const vf glints = shininess < 1.0f ? power : MIN(steep * turn, zero + ROUGH);
-    return diffuse * (turn + fades) + specular * (glints + fades);
+    return diffuse * (seen * turn + fades) + specular * (seen * glints + fades);
 };
 // Colour of pieces, of those that are ``wanted``, behind a transparency T.
 auto lit = [&](const Lit& p, vi wanted, vf T, vf* out) __attribute__((noinline)) {
@@ -254,9 +255,11 @@ CUT_NORMAL = """
 """
 CUT_BEHIND = """
     const vi near = (G[19] + (u - s) * G[20] < 1.0f) & -(cut[0] != 0.0f || cut[1] != 0.0f || cut[2] != 0.0f);
-    const vf farther = r + 2.0f * s * ABS(G[20]) * MAX(size + r, zero + CUTf);
-    size = near ? (ABS(across) > r ? 0.7f * size : zero) : size;
-    r = near ? farther : r;
+    const vf b = MIN(G[19] + u * G[20], zero + 1.0f), strength = (1.0f - b) * MAX(size, zero + CUTf);
+    most = near ? MAX(most, zero + CUTf) : most;
+    size = near ? ABS(across) < r ? zero
+                : __builtin_elementwise_sqrt(b * b * square + strength * (2.0f * b * ABS(across) + strength)) : size;
+    r += near ? 2.0f * s * ABS(G[20]) * most : zero;
 """
 
 
