@@ -7,6 +7,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .camera import not_along
 from .field.base import Field
 from .framing import FAINT, visible_depths
 from .suggest import suggestion
@@ -79,11 +80,10 @@ def of_patient(vector: tuple[float, ...], axes: str) -> Floats:
 
 
 def seen_from(direction: Any) -> View:
-    """From a direction: z is upwards, or y where that is along it (to 2.6 degrees, as of ``not_along``)."""
-    towards = np.asarray(direction, np.float64)
-    parts = np.abs(towards) / (float(np.abs(towards).max()) or 1.0)
-    steep = parts[2] > 0.999 * float(np.linalg.norm(parts))
-    return View(towards, np.array([0.0, 1.0, 0.0] if steep else [0.0, 0.0, 1.0]))
+    """From a direction: z is upwards, or y where that is along it (as of ``not_along``)."""
+    up = np.array([0.0, 0.0, 1.0])
+    along = not_along(up, direction)[2] != 1.0
+    return View(np.asarray(direction, np.float64), np.array([0.0, 1.0, 0.0]) if along else up)
 
 
 def front_and_up(volume: Field) -> tuple[Floats, Floats]:

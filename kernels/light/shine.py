@@ -4,7 +4,8 @@ A piece is lit in a few points that see equal parts of its opacity, Gauss and Le
 from what it is in front and as much on the whole: at depths -ln(1 - A y). Its other end is a twentieth of the front at
 least, so that weights are finite. Each weighs w_i, what it truly sees over that, in all 1. What the piece adds is
 ``Ī (A c(mean) + c' V) + c' A sum w_i (I_i - Ī) w(v_i)``, Ī the mean intensity: where light does not change, that of
-``series``. One whose light changes by so much that it matters is lit in sixteen points or more, in lanes at once.
+``series``. One whose light changes by so much that it matters is lit in sixteen points, in lanes at once, and where
+those will not do either its halves are, or theirs.
 Letters and numbers are those of docs/proof-single.md.
 """
 
