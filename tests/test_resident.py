@@ -2,6 +2,7 @@
 copied when, and that it is the same image.
 """
 
+import pickle
 from copy import copy
 from types import SimpleNamespace
 
@@ -16,8 +17,10 @@ from studies.base.ptx import arrays_of
 from wvr.checksum import checksum
 from wvr.clock import Clock
 from wvr.field.samples import extremes
+from wvr.keep import Keeper
 from wvr.kernels.scene import Halves
 from wvr.launch import get_device
+from wvr.resident import Rays, settled
 
 SIZE = (24, 20)
 TF = wvr.TransferFunction([(0, "navy", 0.0), (255, "gold", 0.4)])
@@ -36,7 +39,7 @@ def elsewhere(monkeypatch):
         wait(*args)
 
     def copied(self):
-        counts.copies.append(self.dtype)
+        counts.copies.append((self.dtype, self.size))
         return copy(self)
 
     def made(shape, *args, **options):
@@ -60,6 +63,11 @@ SCENES = {
 }
 
 
+def brought(elsewhere):
+    """Of what arrays of all pixels are copied to the host."""
+    return {dtype for dtype, size in elsewhere.copies if size >= SIZE[0] * SIZE[1]}
+
+
 @pytest.mark.parametrize("name", SCENES)
 def test_a_frame_is_waited_for_once_and_stays(elsewhere, monkeypatch, blobs, name):
     renderer = wvr.Renderer(blobs, TF, device="cpu", **SCENES[name])
@@ -68,14 +76,15 @@ def test_a_frame_is_waited_for_once_and_stays(elsewhere, monkeypatch, blobs, nam
     elsewhere.waits, elsewhere.copies[:], elsewhere.made[:] = 0, [], []
     image = renderer.render(camera, SIZE)
     assert elsewhere.waits == 1
-    assert not {wp.vec4f, wp.vec4d} & set(elsewhere.copies)
-    # Of arrays of all pixels, only what the image itself has.
+    assert not {wp.vec4f, wp.vec4d} & brought(elsewhere)
+    # Of all pixels only what the image itself has is made, and nothing is brought.
     if name in ("certified", "riemann"):
-        assert elsewhere.made.count(SIZE[::-1]) == 1
+        assert elsewhere.made.count(SIZE[::-1]) == (3 if name == "certified" else 2)
+        assert not brought(elsewhere)
     pixels = image.device_rgba
     assert image.device_rgba is pixels and pixels.shape == SIZE[::-1] and pixels.dtype is wp.vec4f
     assert image.size == SIZE and image.most_opaque > 0.1
-    assert not {wp.vec4f, wp.vec4d} & set(elsewhere.copies)
+    assert not {wp.vec4f, wp.vec4d} & brought(elsewhere)
     monkeypatch.undo()
     usual = wvr.Renderer(blobs, TF, device="cpu", **SCENES[name]).render(camera, SIZE)
     np.testing.assert_array_equal(image.rgba, usual.rgba)
@@ -84,7 +93,12 @@ def test_a_frame_is_waited_for_once_and_stays(elsewhere, monkeypatch, blobs, nam
     if usual.error_bound is not None:
         np.testing.assert_array_equal(image.error_bound, usual.error_bound)
     assert image.most_opaque == usual.most_opaque
-    assert image.stats.keys() == usual.stats.keys() and image.stats["precision"] == usual.stats["precision"]
+    seconds = {key for key in usual.stats if key.startswith("seconds")}
+    for stats in (image.stats, usual.stats):
+        assert seconds <= stats.keys()
+        for key in seconds | {"bytes"}:
+            stats.pop(key)
+    assert image.stats == usual.stats
 
 
 def test_images_do_not_share_what_frames_leave_to_one_another(elsewhere, blobs):
@@ -94,6 +108,40 @@ def test_images_do_not_share_what_frames_leave_to_one_another(elsewhere, blobs):
     renderer.render(wvr.Camera.fit(blobs, (0, 1, 0)), SIZE)
     for array, before in zip((np.from_dlpack(one.device_rgba), one.samples, one.error_bound), kept, strict=True):
         np.testing.assert_array_equal(array, before)
+
+
+@pytest.mark.parametrize("name", ["certified", "riemann"])
+def test_an_image_that_stays_is_pickled_whole(elsewhere, blobs, name):
+    image = wvr.render(blobs, TF, size=SIZE, device="cpu", **SCENES[name])
+    copied = pickle.loads(pickle.dumps(image))
+    assert type(copied) is type(image) and copied.size == image.size == SIZE
+    for given, array in zip((image.rgba, image.samples), (copied.rgba, copied.samples), strict=True):
+        np.testing.assert_array_equal(array, given)
+    np.testing.assert_array_equal(copied.error_bound, image.error_bound)
+    assert copied.max_error == image.max_error and (name == "certified") == (image.max_error <= 1 / 512)
+
+
+@pytest.mark.parametrize("shown", [wp.vec4f, wp.vec4d])
+def test_what_is_known_of_rays_without_bringing_them(elsewhere, shown):
+    """More pixels than one work item has, bounds that are infinite, and sums beyond 32 bits."""
+    rng = np.random.default_rng(1)
+    shape = (37, 53)
+    rgba = rng.random((*shape, 4))
+    samples = rng.integers(0, 2**31 - 1, shape, dtype=np.int32)
+    bounds = np.where(rng.random(shape) < 0.1, np.inf, rng.random(shape)).astype(np.float32)
+    given = [wp.array(array, dtype=dtype, device="cpu") for array, dtype in ((rgba, wp.vec4d), (samples, int))]
+    on_device = wp.array(bounds, device="cpu")
+    for limits, tolerance in ((on_device, 0.25), (on_device, np.inf), (None, 0.25)):
+        keep = Keeper(get_device("cpu"))
+        pixels, rays, others = settled(keep, given[0], shown, given[1], limits, tolerance, on_device)
+        here = None if limits is None else bounds
+        assert rays == Rays.of(samples, here, tolerance)
+        assert rays.samples == samples.sum(dtype=np.int64) and rays.over == (
+            here is not None and np.sum(bounds > tolerance)
+        )
+        np.testing.assert_array_equal(others, [bounds])
+        np.testing.assert_allclose(pixels.array.numpy(), rgba, rtol=1e-7)
+        assert pixels.array.dtype is shown and pixels.most == np.float32(rgba[..., 3].max())
 
 
 def test_an_image_of_the_cpu_is_shared(blobs):

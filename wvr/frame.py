@@ -32,7 +32,7 @@ from .launch import in_turn, launch, launch_pixels
 from .light.sweep import AHEAD, Sweeping, shade
 from .memory import check_room
 from .probe import Prober, make_prober, probe, tightest
-from .resident import Resident, buffer, fetched, settled, stays
+from .resident import Rays, Resident, fetched, settled, stays
 from .scene import Scene
 from .transfer.function import struct_of
 from .validation import computed, float_array, outside
@@ -46,7 +46,8 @@ STILL = 1e-100
 # Bytes of a pixel, and of one that is probed, while there is an image of them.
 PIXEL, PROBED = 64, 96
 
-Tracer = Callable[[int, int], NDArray[np.void]]
+# Of a pixel, and of the samples of its ray.
+Tracer = Callable[[int, int, int], NDArray[np.void]]
 
 
 class Frame:
@@ -55,9 +56,12 @@ class Frame:
     Attributes
     ----------
     error_bound
-        Of the image, once it is there; None where the integrator gives none.
+        Of the image, once it is there, on its device if it stays there; None where the integrator gives none.
+    rays
+        What is known of them then.
     """
 
+    rays: Rays
     #: Whether something was left out that would be seen.
     partly = False
 
@@ -71,7 +75,7 @@ class Frame:
         self.keep = keep
         self.ends = ends
         self.device = keep.device
-        self.error_bound: NDArray[np.float32] | None = None
+        self.error_bound: NDArray[np.float32] | wp.array | None = None
 
     def render(self) -> Image:
         """The image."""
@@ -85,11 +89,11 @@ class Frame:
         if scene.shadows is not None and scene.shadows.alone:
             rgba = wp.empty((self.height, self.width), dtype=vec4_of(REALS[shown]), device=self.device)
             shaded = shade(self, rgba, shown)
-            pixels, counts = self._fetched(rgba, shown, shaded.samples)
+            pixels, counts, _ = self._settled(rgba, shown, shaded.samples, None)
             clock.mark()
             (seconds,) = clock.seconds()
-            stats = shaded.said(counts, seconds) | {"seconds": seconds, "integrator": repr(scene.shadows)}
-            stats["bytes"] = scene.volume.nbytes + rgba.capacity + counts.nbytes + AHEAD
+            stats = shaded.said(self.rays.samples, seconds) | {"seconds": seconds, "integrator": repr(scene.shadows)}
+            stats["bytes"] = scene.volume.nbytes + rgba.capacity + shaded.samples.capacity + AHEAD
             return self._image(pixels, counts, stats)
         precision = integrator.precision(scene)
         halves = self.halves(REALS[precision], integrator.half(scene))
@@ -99,21 +103,21 @@ class Frame:
         if vec4 is vec4_of(REALS[shown]):
             rgba = wp.empty(size, dtype=vec4, device=self.device)
         else:
-            rgba = buffer(self.keep, "rgba", size, vec4)
-        samples = buffer(self.keep, "samples", size, wp.int32)
-        bounds = buffer(self.keep, "bounds", size if halves.march.bounded else (1, 1), wp.float32)
+            rgba = self.keep.scratch("rgba", size, vec4)
+        samples = wp.empty(size, dtype=wp.int32, device=self.device)
+        bounds = wp.empty(size if halves.march.bounded else (1, 1), dtype=wp.float32, device=self.device)
         clock.mark()
         turns = in_turn(("rays", "light")[: 1 if scene.shadows is None else 2])
         next(turns)
         self.launch(halves, struct, rgba, samples, bounds)
         next(turns, None)
         clock.mark()
-        read = [samples, bounds]
+        more = []
         if scene.shadows is not None:
             shaded = shade(self, rgba, shown)
-            read.append(shaded.samples)
+            more.append(shaded.samples)
             clock.mark()
-        pixels, counts, limits, *more = self._fetched(rgba, shown, *read)
+        pixels, counts, found = self._settled(rgba, shown, samples, bounds if halves.march.bounded else None, *more)
         stages = clock.seconds()
         stats = {
             "seconds": sum(stages),
@@ -124,19 +128,17 @@ class Frame:
             "integrator": repr(integrator),
         }
         if scene.shadows is not None:
-            stats |= shaded.said(more[0], stages[2])
+            stats |= shaded.said(int(found[0].sum(dtype=np.int64)), stages[2])
             stats["bytes"] += AHEAD
-        if halves.march.bounded:
-            self.error_bound = limits
-        tracer = self._tracer(counts) if integrator.traces else None
+        tracer = self._tracer() if integrator.traces else None
         return self._image(pixels, counts, stats | integrator.report(self), tracer)
 
     def _probed(self, clock: Clock) -> Image:
         """The image of an integrator that probes."""
         scene, integrator = self.scene, self.scene.integrator
         found = probe(self, clock)
-        pixels, counts, bounds, values = self._fetched(
-            found.rgba, integrator.shown(scene), found.samples, found.bounds, found.values
+        pixels, counts, (bounds, values) = self._settled(
+            found.rgba, integrator.shown(scene), found.samples, None, found.bounds, found.values
         )
         prepared, cast = clock.seconds()
         stats = {
@@ -159,18 +161,28 @@ class Frame:
         for part in in_turn(halves.launches, (9, 1)[: len(halves.launches)]):
             launch_pixels(make_raycast(part), inputs, self.device, struct.view, part.rays, part.scratch)
 
-    def _fetched(self, rgba: wp.array, shown: str, *arrays: wp.array) -> list[Any]:
-        """Pixels as ``shown``, on their device where they stay there, and arrays on the host: after one wait."""
-        if not stays(self.device):
-            return [rgba.numpy().astype(shown, copy=False), *fetched(self.keep, *arrays)]
-        pixels, opaquest = settled(self.keep, rgba, vec4_of(REALS[shown]))
-        most, *found = fetched(self.keep, opaquest, *arrays)
-        return [Resident(pixels, float(most[0])), *found]
+    def _settled(
+        self, rgba: wp.array, shown: str, samples: wp.array, bounds: wp.array | None, *others: wp.array
+    ) -> tuple[NDArray[np.floating] | Resident, NDArray[np.int32] | wp.array, list[NDArray]]:
+        """Pixels as ``shown`` and the samples of rays, on their device where they stay there, as their bounds do; and
+        others on the host: after one wait.
+        """
+        tolerance = getattr(self.scene.integrator, "tolerance", 0.0)
+        if stays(self.device):
+            self.error_bound = bounds
+            pixels, self.rays, found = settled(
+                self.keep, rgba, vec4_of(REALS[shown]), samples, bounds, tolerance, *others
+            )
+            return pixels, samples, found
+        self.error_bound = None if bounds is None else bounds.numpy()
+        counts, *found = fetched(self.keep, samples, *others)
+        self.rays = Rays.of(counts, self.error_bound, tolerance)
+        return rgba.numpy().astype(shown, copy=False), counts, found
 
     def _image(
         self,
         pixels: NDArray[np.floating] | Resident,
-        samples: NDArray[np.int32],
+        samples: NDArray[np.int32] | wp.array,
         stats: dict[str, Any],
         tracer: Tracer | None = None,
     ) -> Image:
@@ -241,7 +253,7 @@ class Frame:
         """All of its rays; where something is seen of each is set for every struct."""
         return view(self.scene.volume, self.camera, self.width, self.height)
 
-    def _tracer(self, samples: NDArray[np.int32]) -> Tracer:
+    def _tracer(self) -> Tracer:
         """Steps of the ray of a pixel, by rendering it once more; a ray has no more steps than samples."""
         scene, camera, size, ends = self.scene, self.camera, (self.width, self.height), self.ends
         # Parts of its own: those of the renderer may be another scene's by then.
@@ -249,7 +261,7 @@ class Frame:
         volumes = self.given.volumes()
         versions = [volume.version for volume in volumes]
 
-        def trace(x: int, y: int) -> NDArray[np.void]:
+        def trace(x: int, y: int, samples: int) -> NDArray[np.void]:
             for volume in volumes:
                 volume.look()
             if [volume.version for volume in volumes] != versions:
@@ -259,12 +271,12 @@ class Frame:
             halves = replace(halves, traced=True)
             with keep.frame():
                 struct, _ = frame.struct(halves)
-            steps = wp.zeros(int(samples[y, x]), dtype=Step, device=keep.device)
+            steps = wp.zeros(samples, dtype=Step, device=keep.device)
             struct.trace.steps = steps
-            rgba = wp.empty(samples.shape, dtype=vec4_of(halves.real), device=keep.device)
-            counts = wp.empty(samples.shape, dtype=int, device=keep.device)
+            rgba = wp.empty(size[::-1], dtype=vec4_of(halves.real), device=keep.device)
+            counts = wp.empty(size[::-1], dtype=int, device=keep.device)
             bounds = wp.empty((1, 1), dtype=wp.float32, device=keep.device)
-            first = item(samples.shape[1], x, y)
+            first = item(size[0], x, y)
             launch(make_raycast(halves), 1, [struct, rgba, counts, bounds, 0], keep.device, first=first)
             taken = steps.numpy()
             return taken[taken["length"] > 0]
@@ -285,7 +297,7 @@ class Frame:
 def image_of(
     frame: Any,
     rgba: NDArray[np.floating] | Resident,
-    samples: NDArray[np.int32],
+    samples: NDArray[np.int32] | wp.array,
     stats: dict[str, Any],
     tracer: Tracer | None = None,
     prober: Prober | None = None,
@@ -294,7 +306,7 @@ def image_of(
     given = frame.given
     stats |= {
         "rays": samples.size,
-        "samples": int(samples.sum(dtype=np.int64)),
+        "samples": frame.rays.samples,
         "device": frame.keep.device.name,
         "precision": frame.scene.integrator.shown(frame.scene),
     }

@@ -84,36 +84,34 @@ class Image:
     def __init__(
         self,
         rgba: NDArray[np.floating] | Resident,
-        samples: NDArray[np.int32],
-        error_bound: NDArray[np.floating] | None = None,
+        samples: NDArray[np.int32] | wp.array,
+        error_bound: NDArray[np.floating] | wp.array | None = None,
         stats: dict[str, Any] | None = None,
         background: str | Sequence[float] | None = None,
-        tracer: Callable[[int, int], NDArray[np.void]] | None = None,
+        tracer: Callable[[int, int, int], NDArray[np.void]] | None = None,
         shown: Shown | None = None,
         values: NDArray[np.float64] | None = None,
         prober: Prober | None = None,
     ):
-        self._resident = rgba if isinstance(rgba, Resident) else None
-        for name, given in (("rgba", rgba), ("samples", samples), ("error_bound", error_bound)):
-            if not isinstance(given, np.ndarray | Resident) and not (given is None and name == "error_bound"):
-                raise TypeError(f"{name} must be a NumPy array, got {type(given).__name__}")
-            unmasked(given, name)
         if isinstance(rgba, Resident):
-            height, width = rgba.array.shape
-        elif rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.dtype not in (np.float32, np.float64):
-            raise ValueError(f"rgba must be float32 or float64 (height, width, 4), got {rgba.dtype} {rgba.shape}")
-        elif not rgba.size:
-            raise ValueError(f"rgba must have a pixel or more, got shape {rgba.shape}")
+            self._resident: Resident | None = rgba
+            self._of_rays = samples, error_bound
         else:
-            height, width = rgba.shape[:2]
-            self.rgba = rgba
-        for name, array in (("samples", samples), ("error_bound", error_bound)):
-            if array is not None and array.shape != (height, width):
-                raise ValueError(f"{name} must have the shape {(height, width)} of rgba, got {array.shape}")
+            self._resident = None
+            for name, given in (("rgba", rgba), ("samples", samples), ("error_bound", error_bound)):
+                if not isinstance(given, np.ndarray) and not (given is None and name == "error_bound"):
+                    raise TypeError(f"{name} must be a NumPy array, got {type(given).__name__}")
+                unmasked(given, name)
+            if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.dtype not in (np.float32, np.float64):
+                raise ValueError(f"rgba must be float32 or float64 (height, width, 4), got {rgba.dtype} {rgba.shape}")
+            if not rgba.size:
+                raise ValueError(f"rgba must have a pixel or more, got shape {rgba.shape}")
+            for name, array in (("samples", samples), ("error_bound", error_bound)):
+                if array is not None and array.shape != rgba.shape[:2]:
+                    raise ValueError(f"{name} must have the shape {rgba.shape[:2]} of rgba, got {array.shape}")
+            self.rgba, self.samples, self.error_bound = rgba, samples, error_bound
         if not is_clear(background):
             linear_rgb(background, "background")  # type: ignore[arg-type]
-        self.samples = samples
-        self.error_bound = error_bound
         self.stats = {} if stats is None else stats
         self.background = background
         self.shown = shown
@@ -123,12 +121,13 @@ class Image:
 
     def __getstate__(self) -> dict[str, Any]:
         """What was rendered, without the volume: a copy has no ``trace``, ``depth`` and ``pick``."""
-        return vars(self) | {"rgba": self.rgba, "_resident": None, "_tracer": None, "_prober": None}
+        here = {"rgba": self.rgba, "samples": self.samples, "error_bound": self.error_bound}
+        return vars(self) | here | {"_resident": None, "_of_rays": None, "_tracer": None, "_prober": None}
 
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) in pixels."""
-        height, width = self.samples.shape
+        height, width = self.rgba.shape[:2] if self._resident is None else self._resident.array.shape
         return width, height
 
     @cached_property
@@ -139,6 +138,16 @@ class Image:
         """
         assert self._resident is not None
         return self._resident.array.numpy()
+
+    @cached_property
+    def samples(self) -> NDArray[np.int32]:
+        """Field evaluations (or segments) of each ray: int32, shape (height, width)."""
+        return _brought(self._of_rays[0])
+
+    @cached_property
+    def error_bound(self) -> NDArray[np.floating] | None:
+        """Bound on the absolute error of any channel, shape (height, width); None where the method gives none."""
+        return _brought(self._of_rays[1])
 
     @property
     def device_rgba(self) -> wp.array:
@@ -191,7 +200,8 @@ class Image:
                 f"trace needs an image that wvr.render made with an adaptive integrator, of a volume that is not in "
                 f"bricks, in the process that made it, got one of {self.stats.get('integrator', 'none')}"
             )
-        return self._tracer(*self._pixel(x, y))
+        column, row = self._pixel(x, y)
+        return self._tracer(column, row, int(self.samples[row, column]))
 
     def depth(self, opacity: float = 0.5) -> NDArray[np.float64]:
         """How far it is to where each ray has an opacity: from the camera's plane along the view [world length].
@@ -441,6 +451,11 @@ class BoundedImage(Image):
     """
 
     error_bound: NDArray[np.floating]
+
+
+def _brought(array: Any) -> Any:
+    """To the host, from where it is."""
+    return array.numpy() if isinstance(array, wp.array) else array
 
 
 def _behind(background: Background, size: tuple[int, int]) -> NDArray[np.float64]:

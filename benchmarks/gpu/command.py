@@ -14,12 +14,12 @@ from . import frames, limits, papers, parity
 from .day import Day, Part
 
 PARTS = (
-    Part("Copies and memory", 0.08, limits.work),
-    Part("Parity", 0.37, parity.work),
-    Part("Frames", 0.28, frames.generated),
-    Part("Frames of the papers' volumes", 0.12, frames.papers),
-    Part("Campagnolo et al. 2015", 0.1, papers.campagnolo),
-    Part("Lum et al. 2004, Table 1", 0.05, papers.lum),
+    Part("Copies and memory", 0.12, limits.work),
+    Part("Parity", 0.5, parity.work),
+    Part("Frames", 0.22, frames.generated),
+    Part("Frames of the papers' volumes", 0.08, frames.papers),
+    Part("Campagnolo et al. 2015", 0.05, papers.campagnolo),
+    Part("Lum et al. 2004, Table 1", 0.03, papers.lum),
 )
 
 

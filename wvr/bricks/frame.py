@@ -16,7 +16,7 @@ from ..keep import Keeper
 from ..launch import in_turn
 from ..memory import check_room
 from ..probe import make_prober, tightest
-from ..resident import fetched
+from ..resident import Rays, fetched
 from ..scene import Scene
 from .brick import Caster, Halo
 from .finder import Finder, caster_of
@@ -214,6 +214,8 @@ class BrickedFrame:
 
     def _image(self, rgba: NDArray[np.floating], samples: NDArray[np.int32], stats: dict[str, Any]) -> Image:
         scene = self.scene
+        tolerance = getattr(scene.integrator, "tolerance", 0.0)
+        self.rays = Rays.of(samples, self.error_bound, tolerance)
         stats |= scene.integrator.report(self)  # type: ignore[arg-type]
         if scene.volume.stored and "bound_covers" in stats and not (scene.integrator.probes and not self.partly):
             stats["bound_covers"] += ", and what was not read"

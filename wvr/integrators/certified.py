@@ -288,12 +288,11 @@ class Certified(Integrator):
         extras = [name for name in ("lighting", "shadows") if getattr(frame.scene, name) is not None]
         covered = f"opacity and the unlit integral, not the {' and '.join(extras)}" if extras else "all channels"
         assert frame.error_bound is not None
-        budget = self.budget(frame.scene)
-        over = int(np.count_nonzero(frame.error_bound > self.tolerance))
+        budget, over = self.budget(frame.scene), frame.rays.over
         if over and frame.scene.termination is None and not frame.partly:
             warnings.warn(
                 f"{over} of {frame.error_bound.size} rays are bounded by more than the tolerance {self.tolerance:g}, "
-                f"at most by {at_most(float(frame.error_bound.max()))}: along jumps or very steep slopes of the "
+                f"at most by {at_most(frame.rays.bound)}: along jumps or very steep slopes of the "
                 "transfer function, and faces of the box, absent cells, clips and labels, rounding alone may do that; "
                 "image.error_bound says where",
                 RuntimeWarning,

@@ -56,12 +56,12 @@ class Shaded(NamedTuple):
     slices: int
     samples: wp.array
 
-    def said(self, samples: NDArray[np.int32], seconds: float) -> dict[str, Any]:
-        """Statistics of the image, once the host has the samples."""
+    def said(self, samples: int, seconds: float) -> dict[str, Any]:
+        """Statistics of the image, once the host knows how many samples there are."""
         return {
             "seconds_shadows": seconds,
             "slices": self.slices,
-            "shadow_samples": int(samples.sum(dtype=np.int64)),
+            "shadow_samples": samples,
             "shadows": repr(self.shadows),
         }
 
