@@ -142,7 +142,9 @@ def rise(c: wp.vec4d, end: wp.float64):
     first, second = turns(c, end)
     start = wp.float64(0.0)
     found = end
-    for stretch in range(3):
+    stretch = int(0)
+    # Not written out, here and below: a root is much code.
+    while stretch < 3:
         # Monotone up to here.
         stop = end
         if stretch == 0:
@@ -155,6 +157,7 @@ def rise(c: wp.vec4d, end: wp.float64):
             guess = start - (stop - start) * low / (at(c, stop) - low)
             found = zero(vec5d(c[0], c[1], c[2], c[3], wp.float64(0.0)), start, stop, guess, wp.float64(1.0))
         start = stop
+        stretch += 1
     return found
 
 
@@ -175,7 +178,8 @@ def length_within(c: wp.vec4d, end: wp.float64, e: wp.float64):
     first, second = turns(c, end)
     start = wp.float64(0.0)
     total = wp.float64(0.0)
-    for stretch in range(3):
+    stretch = int(0)
+    while stretch < 3:
         # Monotone up to here.
         stop = end
         if stretch == 0:
@@ -199,6 +203,7 @@ def length_within(c: wp.vec4d, end: wp.float64, e: wp.float64):
             # Where they are is known to 4e-16 of the length.
             total += wp.max(far - near, wp.float64(0.0)) + wp.float64(1.0e-15) * end
         start = stop
+        stretch += 1
     return wp.min(total, end)
 
 

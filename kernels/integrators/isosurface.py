@@ -226,7 +226,8 @@ def make_probe(halves):
         first, second = turns(c, length)
         t = real(0.0)
         s = c[0]
-        for stretch in range(3):
+        stretch = int(0)
+        while stretch < 3:
             # Monotone up to here.
             end = length
             if stretch == 0:
@@ -258,6 +259,7 @@ def make_probe(halves):
                 found = unsure(scene, close, found)
             t = end
             s = value
+            stretch += 1
         side.until = span[1]
         side.near = levels_near(scene.march.level, s, two * off)
         side.way = sure_way(c[1] + length * (two * c[2] + length * three * c[3]), bend, length, off)

@@ -254,7 +254,9 @@ def make_pieces(halves):
         part = here
         if wp.static(sharp):
             error += fuzzy(scene, value, blur) * unsure(s, start, length, blur)
-        for stretch in range(3):
+        stretch = int(0)
+        # Not written out: what is in it is most of a kernel.
+        while stretch < 3:
             # s is monotone up to here.
             end = length
             if stretch == 0:
@@ -306,6 +308,7 @@ def make_pieces(halves):
                 if crosses:
                     m += wp.where(rises, 1, -1)
             value = final
+            stretch += 1
         return segment, error, count
 
     return piece, cut

@@ -45,8 +45,12 @@ def make_shone(halves):
     nodes, shares = (wp.constant(wp.types.vector(sum(GOOD), real)(*chain(*of))) for of in zip(*rules, strict=True))
     good = wp.constant(wp.types.vector(len(GOOD), real)(*(MUCH * GOOD[n] for n in counts)))
     last = len(GOOD) - 1
-    # Where a gradient along a piece is asked for, that is a cubic there: off the ends, at which it may jump.
-    near, far = 0.3, 0.9
+    # Where a gradient along a piece is asked for, that is a cubic there: off the ends, at which it may jump; and of those
+    # found there, sixteenths in each coefficient of the cubic.
+    far = 0.9
+    places = wp.constant(wp.vec4d(-far, -far / 3, far / 3, far))
+    fit = ((-1, 9, 9, -1), (1, -27, 27, -1), (9, -9, -9, 9), (-9, 27, -27, 9))
+    fitted = wp.constant(wp.mat44d(*chain(*fit)))
 
     @wp.func
     def swing(scene: Scene, middle: wp.vec3d, out: wp.vec3d, eye: wp.vec3d):
@@ -89,14 +93,23 @@ def make_shone(halves):
         slope = scene.transfer.slope[k]
         shading = scene.light.shading
         to = half * c.length * c.d
-        a = bare(scene, c.middle - real(far) * to)
-        b = bare(scene, c.middle - real(near) * to)
-        e = bare(scene, c.middle + real(near) * to)
-        f = bare(scene, c.middle + real(far) * to)
-        g0 = (real(9.0) * (b + e) - a - f) / real(16.0)
-        g1 = (a - real(27.0) * (b - e) - f) * real(wp.static(1.0 / 16.0 / far))
-        g2 = (a - b - e + f) * real(wp.static(9.0 / 16.0 / far**2))
-        g3 = (real(3.0) * (b - e) - a + f) * real(wp.static(9.0 / 16.0 / far**3))
+        g0 = wp.vec3d()
+        g1 = wp.vec3d()
+        g2 = wp.vec3d()
+        g3 = wp.vec3d()
+        # Asked for in one place, since a gradient is much code.
+        place = int(0)
+        while place < 4:
+            found = bare(scene, c.middle + places[place] * to)
+            g0 += fitted[0, place] * found
+            g1 += fitted[1, place] * found
+            g2 += fitted[2, place] * found
+            g3 += fitted[3, place] * found
+            place += 1
+        g0 *= real(wp.static(1.0 / 16.0))
+        g1 *= real(wp.static(1.0 / 16.0 / far))
+        g2 *= real(wp.static(1.0 / 16.0 / far**2))
+        g3 *= real(wp.static(1.0 / 16.0 / far**3))
         # Extinction as if it were linear, from its front and mean.
         extinction = scene.transfer.value[k][3] + (c.m[0] + third * m2 - scene.transfer.knot[k]) * slope[3]
         mid = half * c.length * wp.max(extinction, real(0.0))
