@@ -10,7 +10,7 @@ import warp as wp
 from ..bricks.brick import Brick
 from ..field.walk import MARGIN, make_walk
 from ..precision import vec3_of, vec4_of
-from ..ray import View, ending, entry, inside, inverted, pixel
+from ..ray import FAR, View, ending, entry, inside, inverted, pixel
 from ..rays import reaches
 from ..segment import make_absorbed, over
 from .between import make_between
@@ -54,16 +54,17 @@ class Ray:
 
 @wp.func
 def reach(view: View, x: int, y: int):
-    """Where there may be something to see along the ray of a pixel: its line, and from where to where."""
+    """Where there may be something to see along the ray of a pixel: its line, from where to where, and where it ends."""
     point, way, whole, entered = entry(view, x, y)
     ends, _loose = ending(view, x, y)
+    ends -= entered
     enters, leaves = inside(view.seen_low, view.seen_high, point, inverted(way), wp.float64(0.0), whole)
-    return point, way, enters, wp.min(leaves, ends - entered)
+    return point, way, enters, wp.min(leaves, ends), ends
 
 
 @cache
 def make_through(halves):
-    """``through(scene, point, way, enters, leaves, first, count, seen)``: a ray through so many slabs from the
+    """``through(scene, point, way, enters, leaves, ends, first, count, seen)``: a ray through so many slabs from the
     ``first``, of an opacity that is ``seen`` of it before.
     """
     Scene = halves.Scene
@@ -75,6 +76,7 @@ def make_through(halves):
         way: wp.vec3d,
         enters: wp.float64,
         leaves: wp.float64,
+        ends: wp.float64,
         first: int,
         count: int,
         seen: wp.float64,
@@ -83,19 +85,23 @@ def make_through(halves):
         if not leaves > enters:
             return ray
         sweep = scene.march
-        # Rays begin and end with what there is to see.
-        ray.origin = point + enters * way
-        ray.direction = way
-        ray.length = leaves - enters
-        # Slabs behind one another for the eye, each in parts: k-th part of the ray is from t0 + k h on.
-        z = wp.dot(sweep.ahead, ray.origin) + sweep.offset
         rate = wp.dot(sweep.ahead, way)
         ray.onward = rate > wp.float64(0.0)
         if ray.onward and seen > scene.opaque:
             return ray
+        # Slabs behind one another for the eye, each in parts: k-th part of the ray is from t0 + k h on.
         edge = sweep.start + sweep.thickness * wp.float64(wp.where(ray.onward, first, first + count))
-        ray.begin = (edge - z) / rate
+        begin = (edge - wp.dot(sweep.ahead, point) - sweep.offset) / rate
         ray.apart = sweep.thickness / wp.abs(rate)
+        # Rays begin and end with parts that there is something to see in: what a part is does not depend on that.
+        part = ray.apart / wp.float64(sweep.parts)
+        _, whole = inside(scene.view.low, scene.view.high, point, inverted(way), wp.float64(0.0), ends)
+        enters = wp.max(begin + wp.floor((enters - begin) / part) * part, wp.float64(0.0))
+        leaves = wp.min(begin + wp.ceil((leaves - begin) / part) * part, whole)
+        ray.origin = point + enters * way
+        ray.direction = way
+        ray.length = leaves - enters
+        ray.begin = begin - enters
         if ray.begin >= ray.length or ray.begin + wp.float64(count) * ray.apart <= wp.float64(0.0):
             return ray
         ray.goes = bool(True)
@@ -178,17 +184,18 @@ def make_abreast(halves):
         lines = wp.zeros(shape=(LANES, 9), dtype=wp.float64)
         if view.ends.shape[0] == 0:
             offs = wp.zeros(shape=(LANES,), dtype=wp.float64)
-            limits = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(1.0))
+            limits = wp.vec3d(FAR, wp.float64(0.0), wp.float64(1.0))
             reaches(view, Brick(), x, y, limits, lines, offs)
         else:
             for l in range(last):
                 if seen_by.shown[y, x + l] != wp.uint8(0):
-                    point, way, enters, leaves = reach(view, x + l, y)
+                    point, way, enters, leaves, end = reach(view, x + l, y)
                     for c in range(3):
                         lines[l, c] = point[c]
                         lines[l, 3 + c] = way[c]
                     lines[l, 6] = enters
                     lines[l, 7] = leaves
+                    lines[l, 8] = end
         rays = wp.zeros(shape=(GIVEN, LANES), dtype=float)
         found = wp.zeros(shape=(FOUND, LANES), dtype=float)
         going = int(0)
@@ -198,7 +205,7 @@ def make_abreast(halves):
                 seen = begin(x + l, y, fresh, seen_by)
                 point = wp.vec3d(lines[l, 0], lines[l, 1], lines[l, 2])
                 way = wp.vec3d(lines[l, 3], lines[l, 4], lines[l, 5])
-                ray = through(scene, point, way, lines[l, 6], lines[l, 7], first, count, seen)
+                ray = through(scene, point, way, lines[l, 6], lines[l, 7], lines[l, 8], first, count, seen)
                 if ray.goes:
                     going += 1
                     onward = ray.onward
@@ -221,8 +228,8 @@ def make_abreast(halves):
             return
         task = Task()
         task.octants = seen_by.octants
-        task.low = view.seen_low
-        task.high = view.seen_high
+        task.low = view.low
+        task.high = view.high
         task.slice = scene.march.lead + wp.where(onward, 0, count)
         task.turn = wp.where(onward, 1, -1)
         task.count = count
@@ -314,8 +321,8 @@ def make_advance(halves):
         if seen_by.shown[y, x] == wp.uint8(0):
             return
         gone = begin(x, y, fresh, seen_by)
-        point, way, enters, leaves = reach(scene.view, x, y)
-        ray = through(scene, point, way, enters, leaves, first, count, gone)
+        point, way, enters, leaves, ends = reach(scene.view, x, y)
+        ray = through(scene, point, way, enters, leaves, ends, first, count, gone)
         if not ray.goes:
             return
         sweep = scene.march

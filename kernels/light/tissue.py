@@ -210,8 +210,8 @@ def make_depth(halves):
         a = real(0.0)
         b = real(1.0)
         for c in range(3):
-            low = real(scene.view.seen_low[c]) - p[c]
-            high = real(scene.view.seen_high[c]) - p[c]
+            low = real(scene.view.low[c]) - p[c]
+            high = real(scene.view.high[c]) - p[c]
             if wp.where(d[c] < real(0.0), d[c], real(0.0)) < low or wp.where(d[c] > real(0.0), d[c], real(0.0)) > high:
                 if d[c] == real(0.0):
                     return real(0.0)
@@ -270,7 +270,7 @@ def make_depth_in_lanes(halves, measured):
     def depth(scene: Scene, p: vec3, d: vec3, length: real, parts: int):
         view = scene.view
         table = scene.table
-        low = view.seen_low
-        return length * measured(scene.field, table, scene.march.pairs, low, view.seen_high, p, d, parts)
+        low = view.low
+        return length * measured(scene.field, table, scene.march.pairs, low, view.high, p, d, parts)
 
     return depth

@@ -169,8 +169,8 @@ def make_depths(halves, measured):
             ways.lengths[n] = wp.float32(sweep.thickness) * slant(sweep, i + n, j)
         view = scene.view
         table = scene.table
-        low = view.seen_low
-        return measured(scene.field, table, sweep.pairs, shade.octants, low, view.seen_high, ways, sweep.parts)
+        low = view.low
+        return measured(scene.field, table, sweep.pairs, shade.octants, low, view.high, ways, sweep.parts)
 
     return depths
 

@@ -444,6 +444,32 @@ def test_skipping_changes_nothing(image):
     assert max_error(images[0], images[1].rgba) < 1e-12
 
 
+@pytest.mark.parametrize("light", [DIRECTED, wvr.Headlight(), wvr.DirectionalLight((1, 0.2, -0.1))])
+@pytest.mark.parametrize("integrator", [wvr.Exact(), wvr.Certified(1e-4)], ids=["rays one by one", "in vectors"])
+def test_slices_and_their_parts_are_those_of_the_volume(light, integrator):
+    """However little there is to see in it, which blocks of four cells say from one corner on: samples stored the other
+    way round, or with nothing skipped, are the same scene. They were 0.04 to 0.19 apart.
+    """
+    rng = np.random.default_rng(5)
+    tf = wvr.TransferFunction([(0, "white", 0), (0.45, "white", 0), (0.6, "red", 0.3), (1, "gold", 0.9)])
+    for shape, view in (((11, 13, 9), (1.0, 0.6, 0.4)), ((8, 17, 12), (-0.3, 0.9, -1.2))):
+        samples = np.zeros(shape, np.float32)
+        samples[2:-3, 3:-2, 1:-4] = rng.random([n - 5 for n in shape])
+        volume = wvr.Volume(samples, (0.7, 1.0, 1.3))
+        turned = wvr.Volume(np.flip(samples).copy(), (0.7, 1.0, 1.3), volume.corners[-1], -np.eye(3))
+        camera = wvr.Camera.fit(volume, view)
+        one, unskipped, other = (
+            shaded(given, tf, camera, (20, 20), integrator, options, light=light)
+            for given, options in (
+                (volume, {"precision": "auto"}),
+                (volume, {"precision": "auto", "skip_empty": False}),
+                (turned, {"precision": "auto"}),
+            )
+        )
+        assert one.rgba[..., 0].max() > 0.1
+        assert max_error(unskipped, one.rgba) < 2e-3 and max_error(other, one.rgba) < 2e-3
+
+
 def test_memory_for_light_is_asked_for(blobs, smooth_tf, monkeypatch):
     monkeypatch.setattr("wvr.memory.free_host_memory", lambda: 100e6)
     renderer = wvr.Renderer(blobs, smooth_tf)

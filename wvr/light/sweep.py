@@ -288,16 +288,23 @@ def place(
     shift = (volume.index_to_world[:3, 3] - home) / unit
     picks = np.array([[(n >> a) & 1 for a in range(3)] for n in range(8)])
     corners = np.where(picks, high, low) @ matrix.T + shift
-    z = corners @ axis
-    start, end = float(z.min()), float(z.max())
+    # Slices divide all of the volume, wherever in it there is something to see.
+    volume_z = (np.where(picks, np.array(view.high), np.array(view.low)) @ matrix.T + shift) @ axis
+    front, back = float(volume_z.min()), float(volume_z.max())
     if fans:
         # Nothing behind the camera is seen, nor casts a shadow that is.
-        start = max(start, 0.0)
-        end = max(end, start + shadows.slice_distance)
+        front = max(front, 0.0)
+        back = max(back, front + shadows.slice_distance)
     if not camera.parallel:
         sweeps_all(camera, basis, axis, view)
-    slices = max(1, int(np.ceil((end - start) / shadows.slice_distance - 1e-9)))
-    thickness = (end - start) / slices or shadows.slice_distance
+    most = max(1, int(np.ceil((back - front) / shadows.slice_distance - 1e-9)))
+    thickness = (back - front) / most or shadows.slice_distance
+    z = corners @ axis
+    first, last = ((float(end) - front) / thickness for end in (z.min(), z.max()))
+    before = int(np.clip(np.floor(first + 1e-9), 0, most - 1))
+    slices = int(np.clip(np.ceil(last - 1e-9), before + 1, most)) - before
+    start = front + before * thickness
+    end = start + slices * thickness
 
     if not isinstance(light, Headlight):
         # Light's columns run across the image as far as they can.
@@ -307,7 +314,7 @@ def place(
     cell, reference = shadows.cell_width, 1.0
     slant = 1.0 / float(axis @ way)
     if fans:
-        reference = 0.5 * (start + end)
+        reference = 0.5 * (front + back)
         cell /= reference
     side = np.stack([right, up]) / cell
     flat = corners @ side.T
