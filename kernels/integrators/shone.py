@@ -11,7 +11,7 @@ from itertools import chain
 import warp as wp
 
 from ..light.points import CUT, KINDS, Lit, make_shading, make_toward
-from ..light.shine import CUSP, GOOD, LEAST, MUCH, ROUGH, rule
+from ..light.shine import CUSP, GOOD, LEAST, MUCH, PLENTY, ROUGH, THIN, rule
 
 vec6 = wp.types.vector(6, wp.float64)
 
@@ -117,6 +117,7 @@ def make_shone(halves):
         begin = mid + g * (real(2.0) * third * m2 - m1 - m3)
         begin = wp.min(wp.max(begin, real(0.0)), real(1.9) * mid)
         rate = mid - begin
+        share = wp.min(wp.max(c.T * A, real(wp.static(THIN))), real(wp.static(PLENTY)) * c.T * A)
         total = real(0.0)
         moved = real(0.0)
         mean = vec6()
@@ -162,7 +163,7 @@ def make_shone(halves):
             rise = factors(scene, k, s + around(m1, m2, m3, v, h)) - at
             change = shading.ambient * wp.abs(rise[0]) + shading.diffuse * (at[1] * turn + wp.abs(rise[1]))
             change += shading.specular * (at[2] * glints + wp.abs(rise[2]))
-            matters = c.T * A * part * change / scene.march.tolerance
+            matters = share * part * change / scene.march.tolerance
             if matters > good[wp.static(last)] and part > real(wp.static(LEAST)):
                 part *= half
             else:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import warp as wp
 
 from .points import CUT, OPPOSITE, Lights
-from .shine import CUSP, FEW, GOOD, LEAST, MANY, MUCH, ROUGH, rule
+from .shine import CUSP, FEW, GOOD, LEAST, MANY, MUCH, PLENTY, ROUGH, THIN, rule
 
 vec12 = wp.types.vector(12, wp.float32)
 
@@ -165,6 +165,7 @@ def make_glow(clipped):
         a = half * p.x
         b = wp.clamp(a + p.g * (real(2.0) * third * p.m[1] - p.m[0] - p.m[2]), real(0.0), real(1.9) * a)
         k = a - b
+        share = wp.min(wp.max(s.T * p.A, real(wp.static(THIN))), real(wp.static(PLENTY)) * s.T * p.A)
         all = real(0.0)
         moved = real(0.0)
         mean = Light()
@@ -178,7 +179,7 @@ def make_glow(clipped):
             if y + part < real(1.0):
                 stop, _depth, _root = reached(p, b, k, y + part)
             middle = p.mid + p.half * (half * (start + stop) - real(1.0))
-            matters = s.T * p.A * part * changes(s, middle, p.half * half * (stop - start)) / s.tolerance
+            matters = share * part * changes(s, middle, p.half * half * (stop - start)) / s.tolerance
             if matters > real(wp.static(many)) and part > real(wp.static(LEAST)):
                 part *= half
             else:

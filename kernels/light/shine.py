@@ -23,6 +23,10 @@ LEAST = 2.0**-16
 MUCH = 32.0
 GOOD = {2: 1.0, 4: 2.4, 8: 8.0, 16: 30.0}
 MORE = GOOD[MANY] * MUCH
+# Errors of thin pieces add up where normals reverse at the same place in each, as in layers: one that is less than THIN
+# of the pixel counts as that much, so that it is allowed its part of the whole, or a PLENTY-th if that is more.
+THIN = 0.1
+PLENTY = 512.0
 # What light counts for where normals may reverse: that may be between two points.
 ROUGH = 16.0
 # And powers below 1, which are steep where they are 0.
@@ -157,7 +161,8 @@ auto lit = [&](const Lit& p, vi wanted, vf T, vf* out) __attribute__((noinline))
         for (int c = 0; c < 6; ++c) mean[c] += weight * I[c];
         for (int c = 0; c < 3; ++c) moment[c] += weight * w * I[c];
     }
-    const vf behind = T * p.A, matters = behind * changes(p.gradient, p.mid, p.half);
+    const vf seen = T * p.A, share = MIN(MAX(seen, zero + THIN), PLENTY * seen);
+    const vf matters = share * changes(p.gradient, p.mid, p.half);
     const vi finer = wanted & (matters > tolerance * MUCH);
     for (int l = 0; l < 16; ++l) {
         if (!finer[l]) continue;
@@ -174,7 +179,7 @@ auto lit = [&](const Lit& p, vi wanted, vf T, vf* out) __attribute__((noinline))
                 vf depth, root;
                 if (y + part < 1.0f) stop = reached(q, zero + (y + part), depth, root)[0];
                 const vf v = zero + 0.5f * (start + stop);
-                most = part * behind[l] * changes(q.gradient, q.mid + q.half * v, q.half * (0.5f * (stop - start)))[0];
+                most = part * share[l] * changes(q.gradient, q.mid + q.half * v, q.half * (0.5f * (stop - start)))[0];
             }
             if (most > tolerance * MORE && part > LEASTf) {
                 part *= 0.5f;
@@ -278,6 +283,7 @@ def shining(clipped):
     for name, one in (cut | {"CUT_BEHIND": CUT_BEHIND}).items():
         text = text.replace(name, one.replace("CUTf", f"{CUT!r}f") if clipped else "")
     names = {"LIT_ROWS": str(rows_of(clipped)), "LEAST": repr(LEAST)}
+    names |= {"THIN": f"{THIN}f", "PLENTY": f"{PLENTY}f"}
     names |= {"MUCH": f"{MUCH}f", "MORE": f"{MORE}f", "ROUGH": f"{ROUGH}f", "CUSP": f"{CUSP}f"}
     for name, n in (("FEW", FEW), ("MANY", MANY)):
         nodes, shares = rule(n)

@@ -360,6 +360,29 @@ def test_light_is_within_the_tolerance_where_normals_reverse(cut, monkeypatch):
     assert max_error(image(tolerance=1e-4), truth) < 2.5e-5
 
 
+def test_light_of_layers_does_not_add_up_to_more_than_the_tolerance(monkeypatch):
+    """Where normals reverse at the same place in each of hundreds of thin pieces: it was 36 times the tolerance."""
+    _, y, x = np.indices((5, 5, 256))
+    volume = wvr.Volume((24 * np.sin(x * np.pi / 2 + 0.7) + 40 * y + 24).astype(np.uint8))
+    camera = wvr.Camera((306, 2, 2), (128, 2, 2), parallel_scale=2)
+    lighting = wvr.Lighting(light=wvr.DirectionalLight((1, 0, 0.2)), ambient=0, diffuse=1, specular=0)
+    tolerance = 1e-4
+    halves = wvr.frame.Frame.halves
+    for opacity in (1e-3, 1e-2):
+        tf = wvr.TransferFunction([(0, "white", opacity), (255, "white", opacity)])
+
+        def image(*, tf=tf, **options):
+            return wvr.render(volume, tf, camera, (3, 3), lighting=lighting, **options)
+
+        truth = image(integrator=wvr.Riemann(0.002), precision="float64", termination=0).rgba
+        assert max_error(image(integrator=wvr.Exact()), truth) < 5e-6
+        assert max_error(image(tolerance=tolerance), truth) < 0.5 * tolerance
+        assert max_error(image(tolerance=tolerance, precision="float64"), truth) < 0.5 * tolerance
+        with monkeypatch.context() as on_gpus:
+            on_gpus.setattr(wvr.frame.Frame, "halves", lambda self, *args: replace(halves(self, *args), vectors=False))
+            assert max_error(image(tolerance=tolerance), truth) < 0.5 * tolerance
+
+
 @every_kind
 def test_light_right_behind_does_not_glint(integrator):
     """Where a light and the viewer are opposite there is no way half between them: rounding used to choose one."""

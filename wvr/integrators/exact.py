@@ -40,8 +40,9 @@ class Exact(Integrator):
     Clips that are far away or large for the volume are as exact as float64 is at that distance, and those that a ray
     just touches half as many digits.
 
-    Light is no polynomial: it is taken from 2 to 512 points of a piece, the more the more it turns there. Even in noise
-    colour is within 1e-5 of what smaller and smaller steps come to (found were 5e-6). Opacity knows nothing of light.
+    Light is no polynomial: it is taken from 2 to 16 points of a piece, the more the more it turns there, or of its
+    halves, or theirs. Even in noise colour is within 1e-5 of what smaller and smaller steps come to (found were 5e-6).
+    Opacity knows nothing of light.
 
     Always in float64, whatever ``precision`` is asked for, and so is the image. ``image.samples`` counts the pieces
     that were integrated. Rays do not end early unless ``termination`` says so.
