@@ -170,7 +170,8 @@ def make_shone(halves):
                 first = int(0)
                 count = int(wp.static(counts[0]))
                 n = int(0)
-                while n < wp.static(last) and matters > good[n]:
+                # Where parts have other light it counts what each of them truly sees: 16 points say that.
+                while n < wp.static(last) and (part < one or matters > good[n]):
                     first += count
                     count *= 2
                     n += 1

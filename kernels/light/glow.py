@@ -185,13 +185,14 @@ def make_glow(clipped):
             else:
                 first = int(0)
                 count = int(wp.static(FEW))
-                if matters > real(wp.static(few)):
+                # Where parts have other light it counts what each of them truly sees: 16 points say that.
+                if part < real(1.0) or matters > real(wp.static(few)):
                     first = wp.static(FEW)
                     count = wp.static(2 * FEW)
-                if matters > real(wp.static(some)):
+                if part < real(1.0) or matters > real(wp.static(some)):
                     first = wp.static(3 * FEW)
                     count = wp.static(4 * FEW)
-                if matters > real(wp.static(more)):
+                if part < real(1.0) or matters > real(wp.static(more)):
                     first = wp.static(7 * FEW)
                     count = wp.static(MANY)
                 for i in range(count):

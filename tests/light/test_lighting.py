@@ -383,6 +383,22 @@ def test_light_of_layers_does_not_add_up_to_more_than_the_tolerance(monkeypatch)
             assert max_error(image(tolerance=tolerance), truth) < 0.5 * tolerance
 
 
+def test_parts_of_a_piece_weigh_what_they_see():
+    """Of one whose extinction falls to 0, in halves with other light: behind a cut, where the field has no gradient."""
+    data = np.zeros((5, 4, 7), np.uint8) + (100 + 20 * (np.arange(5) % 2)).astype(np.uint8)[:, None, None]
+    volume = wvr.Volume(data, spacing=(0.508, 2.011, 0.379))
+    tf = wvr.TransferFunction([(107.8, "white", 0.0), (109.1, "white", 0.97), (110.4, "white", 0.0)])
+    camera = wvr.Camera((1, 3.135, 0.982), (-3.69, 0.435, 0.695), up=(0.02, 0.93, -0.2), view_angle=60)
+    lighting = wvr.Lighting(ambient=0, diffuse=1, specular=0)
+    clip = wvr.ClipPlane((1.518, 2.257, 0.64), (0.0129, 0.1294, -0.6377))
+    small = {"integrator": wvr.Riemann(2e-4), "precision": "float64", "termination": 0}
+    images = [
+        wvr.render(volume, tf, camera, (20, 20), lighting=lighting, clip=clip, **how).rgba
+        for how in (small, {"integrator": wvr.Exact()})
+    ]
+    assert images[0].max() > 0.1 and np.abs(images[1] - images[0]).max() < 5e-6
+
+
 @every_kind
 def test_light_right_behind_does_not_glint(integrator):
     """Where a light and the viewer are opposite there is no way half between them: rounding used to choose one."""
