@@ -45,8 +45,8 @@ def make_shone(halves):
     nodes, shares = (wp.constant(wp.types.vector(sum(GOOD), real)(*chain(*of))) for of in zip(*rules, strict=True))
     good = wp.constant(wp.types.vector(len(GOOD), real)(*(MUCH * GOOD[n] for n in counts)))
     last = len(GOOD) - 1
-    # Where a gradient along a piece is asked for, that is a cubic there: off the ends, at which it may jump; and of those
-    # found there, sixteenths in each coefficient of the cubic.
+    # Where a gradient along a piece is asked for, that is a cubic there: off the ends, at which it may jump. And how
+    # many sixteenths of each are in its coefficients.
     far = 0.9
     places = wp.constant(wp.vec4d(-far, -far / 3, far / 3, far))
     fit = ((-1, 9, 9, -1), (1, -27, 27, -1), (9, -9, -9, 9), (-9, 27, -27, 9))

@@ -54,18 +54,18 @@ class Ray:
 
 @wp.func
 def reach(view: View, x: int, y: int):
-    """Where there may be something to see along the ray of a pixel: its line, from where to where, and where it ends."""
+    """The line of a pixel's ray; from where to where there may be something to see along it, and where it ends."""
     point, way, whole, entered = entry(view, x, y)
     ends, _loose = ending(view, x, y)
     ends -= entered
     enters, leaves = inside(view.seen_low, view.seen_high, point, inverted(way), wp.float64(0.0), whole)
-    return point, way, enters, wp.min(leaves, ends), ends
+    return point, way, wp.vec3d(enters, wp.min(leaves, ends), ends)
 
 
 @cache
 def make_through(halves):
-    """``through(scene, point, way, enters, leaves, ends, first, count, seen)``: a ray through so many slabs from the
-    ``first``, of an opacity that is ``seen`` of it before.
+    """``through(scene, point, way, span, first, count, seen)``: a ray through so many slabs from the ``first``, of an
+    opacity that is ``seen`` of it before; its ``span`` is as of ``reach``.
     """
     Scene = halves.Scene
 
@@ -74,15 +74,13 @@ def make_through(halves):
         scene: Scene,
         point: wp.vec3d,
         way: wp.vec3d,
-        enters: wp.float64,
-        leaves: wp.float64,
-        ends: wp.float64,
+        span: wp.vec3d,
         first: int,
         count: int,
         seen: wp.float64,
     ):
         ray = Ray()
-        if not leaves > enters:
+        if not span[1] > span[0]:
             return ray
         sweep = scene.march
         rate = wp.dot(sweep.ahead, way)
@@ -95,9 +93,9 @@ def make_through(halves):
         ray.apart = sweep.thickness / wp.abs(rate)
         # Rays begin and end with parts that there is something to see in: what a part is does not depend on that.
         part = ray.apart / wp.float64(sweep.parts)
-        _, whole = inside(scene.view.low, scene.view.high, point, inverted(way), wp.float64(0.0), ends)
-        enters = wp.max(begin + wp.floor((enters - begin) / part) * part, wp.float64(0.0))
-        leaves = wp.min(begin + wp.ceil((leaves - begin) / part) * part, whole)
+        _, whole = inside(scene.view.low, scene.view.high, point, inverted(way), wp.float64(0.0), span[2])
+        enters = wp.max(begin + wp.floor((span[0] - begin) / part) * part, wp.float64(0.0))
+        leaves = wp.min(begin + wp.ceil((span[1] - begin) / part) * part, whole)
         ray.origin = point + enters * way
         ray.direction = way
         ray.length = leaves - enters
@@ -189,13 +187,11 @@ def make_abreast(halves):
         else:
             for l in range(last):
                 if seen_by.shown[y, x + l] != wp.uint8(0):
-                    point, way, enters, leaves, end = reach(view, x + l, y)
+                    point, way, span = reach(view, x + l, y)
                     for c in range(3):
                         lines[l, c] = point[c]
                         lines[l, 3 + c] = way[c]
-                    lines[l, 6] = enters
-                    lines[l, 7] = leaves
-                    lines[l, 8] = end
+                        lines[l, 6 + c] = span[c]
         rays = wp.zeros(shape=(GIVEN, LANES), dtype=float)
         found = wp.zeros(shape=(FOUND, LANES), dtype=float)
         going = int(0)
@@ -205,7 +201,8 @@ def make_abreast(halves):
                 seen = begin(x + l, y, fresh, seen_by)
                 point = wp.vec3d(lines[l, 0], lines[l, 1], lines[l, 2])
                 way = wp.vec3d(lines[l, 3], lines[l, 4], lines[l, 5])
-                ray = through(scene, point, way, lines[l, 6], lines[l, 7], lines[l, 8], first, count, seen)
+                span = wp.vec3d(lines[l, 6], lines[l, 7], lines[l, 8])
+                ray = through(scene, point, way, span, first, count, seen)
                 if ray.goes:
                     going += 1
                     onward = ray.onward
@@ -321,8 +318,8 @@ def make_advance(halves):
         if seen_by.shown[y, x] == wp.uint8(0):
             return
         gone = begin(x, y, fresh, seen_by)
-        point, way, enters, leaves, ends = reach(scene.view, x, y)
-        ray = through(scene, point, way, enters, leaves, ends, first, count, gone)
+        point, way, span = reach(scene.view, x, y)
+        ray = through(scene, point, way, span, first, count, gone)
         if not ray.goes:
             return
         sweep = scene.march

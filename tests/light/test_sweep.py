@@ -452,12 +452,12 @@ def test_slices_and_their_parts_are_those_of_the_volume(light, integrator):
     """
     rng = np.random.default_rng(5)
     tf = wvr.TransferFunction([(0, "white", 0), (0.45, "white", 0), (0.6, "red", 0.3), (1, "gold", 0.9)])
-    for shape, view in (((11, 13, 9), (1.0, 0.6, 0.4)), ((8, 17, 12), (-0.3, 0.9, -1.2))):
+    for shape, direction in (((11, 13, 9), (1.0, 0.6, 0.4)), ((8, 17, 12), (-0.3, 0.9, -1.2))):
         samples = np.zeros(shape, np.float32)
         samples[2:-3, 3:-2, 1:-4] = rng.random([n - 5 for n in shape])
         volume = wvr.Volume(samples, (0.7, 1.0, 1.3))
         turned = wvr.Volume(np.flip(samples).copy(), (0.7, 1.0, 1.3), volume.corners[-1], -np.eye(3))
-        camera = wvr.Camera.fit(volume, view)
+        camera = wvr.Camera.fit(volume, direction)
         one, unskipped, other = (
             shaded(given, tf, camera, (20, 20), integrator, options, light=light)
             for given, options in (

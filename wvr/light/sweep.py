@@ -290,20 +290,20 @@ def place(
     corners = np.where(picks, high, low) @ matrix.T + shift
     # Slices divide all of the volume, wherever in it there is something to see.
     volume_z = (np.where(picks, np.array(view.high), np.array(view.low)) @ matrix.T + shift) @ axis
-    front, back = float(volume_z.min()), float(volume_z.max())
+    near, far = float(volume_z.min()), float(volume_z.max())
     if fans:
         # Nothing behind the camera is seen, nor casts a shadow that is.
-        front = max(front, 0.0)
-        back = max(back, front + shadows.slice_distance)
+        near = max(near, 0.0)
+        far = max(far, near + shadows.slice_distance)
     if not camera.parallel:
         sweeps_all(camera, basis, axis, view)
-    most = max(1, int(np.ceil((back - front) / shadows.slice_distance - 1e-9)))
-    thickness = (back - front) / most or shadows.slice_distance
+    most = max(1, int(np.ceil((far - near) / shadows.slice_distance - 1e-9)))
+    thickness = (far - near) / most or shadows.slice_distance
     z = corners @ axis
-    first, last = ((float(end) - front) / thickness for end in (z.min(), z.max()))
+    first, last = ((float(end) - near) / thickness for end in (z.min(), z.max()))
     before = int(np.clip(np.floor(first + 1e-9), 0, most - 1))
     slices = int(np.clip(np.ceil(last - 1e-9), before + 1, most)) - before
-    start = front + before * thickness
+    start = near + before * thickness
     end = start + slices * thickness
 
     if not isinstance(light, Headlight):
@@ -314,7 +314,7 @@ def place(
     cell, reference = shadows.cell_width, 1.0
     slant = 1.0 / float(axis @ way)
     if fans:
-        reference = 0.5 * (front + back)
+        reference = 0.5 * (near + far)
         cell /= reference
     side = np.stack([right, up]) / cell
     flat = corners @ side.T
