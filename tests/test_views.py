@@ -81,6 +81,24 @@ def test_visible_points_are_around_what_is_visible():
     np.testing.assert_array_equal(visible_points(empty, SEEN), empty.corners)
 
 
+@pytest.mark.parametrize("shape", [(60, 31, 47), (2, 9, 130), (5, 6, 7), (1, 40, 2)])
+def test_a_frame_is_of_the_ends_of_what_is_visible(shape):
+    """The same as of all of it: what is between others is on no edge of a frame."""
+    rng = np.random.default_rng(5)
+    corner = [-40.0] * 3
+    all_of_it = wvr.ClipBox(corner, [400.0] * 3)
+    for part in (0.0005, 0.01, 0.2):
+        seen = rng.random(shape) < max(part, 4 / np.prod(shape))
+        volume = wvr.Volume(np.uint8(100) * seen, spacing=(1, 2, 0.5))
+        ends, points = visible_points(volume, SEEN), visible_points(volume, SEEN, [all_of_it])
+        assert len(ends) <= len(points)
+        for direction in rng.normal(size=(6, 3)):
+            for parallel in (False, True):
+                one, other = (framed(p, direction, (0, 0, 1), parallel=parallel) for p in (ends, points))
+                np.testing.assert_allclose(one.position, other.position, rtol=1e-12, atol=1e-9)
+                assert one.half_height == pytest.approx(other.half_height, rel=1e-12)
+
+
 def test_what_is_cut_away_is_not_visible():
     volume = box((8, 8, 8), (32, 32, 32))
     clips = [wvr.ClipPlane((20, 0, 0), (-1, 0, 0)), wvr.ClipBox((0, 0, 0), (40, 15, 40)), wvr.ClipSphere((8, 8, 8), 20)]
@@ -91,7 +109,8 @@ def test_what_is_cut_away_is_not_visible():
     assert np.linalg.norm(points - 20, axis=1).min() >= 15
     # Where nothing is left the frame is that of the whole.
     nothing = visible_points(volume, SEEN, [wvr.ClipSphere((0, 0, 0), 1)])
-    np.testing.assert_array_equal(nothing, visible_points(volume, SEEN))
+    for edge in (np.min, np.max):
+        np.testing.assert_array_equal(edge(nothing, axis=0), edge(visible_points(volume, SEEN), axis=0))
 
 
 def test_labels_are_visible_where_their_functions_are():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -44,20 +44,22 @@ def visible_depths(volume: Field, shown: Showing) -> tuple[NDArray[np.floating],
 
 
 def visible_points(volume: Field, shown: Showing | None, clips: Sequence[Clip] = ()) -> Floats:
-    """World positions of the corners of blocks in which there is something to see, shape (n, 3).
+    """World positions of the corners of blocks in which there is something to see, shape (n, 3), without ``clips``
+    only of blocks at the ends of rows of them, which all the others are between.
 
     Where there is nothing, or nothing is known, the corners of the volume's box.
     """
     last = np.array(volume.shape) - 1.0
     corners = np.array([[(c >> a) & 1 for a in range(3)] for c in range(8)])
+    chosen: Callable[[NDArray[np.bool_]], NDArray[np.intp]] = np.argwhere if clips else ends_of_rows
     # What a sample is seen in are the cells on both sides of it.
     if shown is not None and hasattr(volume, "host"):
         depths, width = visible_depths(volume, shown)
-        found = np.argwhere(depths > FAINT)
-        nodes = np.unique(((found[:, None, :] + corners) * width - (1 - corners)).reshape(-1, 3), axis=0)
+        found = chosen(depths > FAINT)
+        nodes = ((found[:, None, :] + corners) * width - (1 - corners)).reshape(-1, 3)
     elif isinstance(shown, TransferFunction) and (blocks := blocks_of(volume)) is not None:
         starts, ranges = blocks
-        found = np.argwhere(most_extinction(ranges, shown, volume.smallest_spacing) > 0)
+        found = chosen(most_extinction(ranges, shown, volume.smallest_spacing) > 0)
         ends = [np.stack([along[:-1] - 1, along[1:]], axis=-1) for along in map(np.array, reversed(starts))]
         nodes = np.stack([ends[a][found[:, a, None], corners[:, a]] for a in range(3)], axis=-1).reshape(-1, 3)
     else:
@@ -72,6 +74,18 @@ def visible_points(volume: Field, shown: Showing | None, clips: Sequence[Clip] =
     if kept.any():
         return points[kept]
     return points if len(points) else volume.corners
+
+
+def ends_of_rows(there: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Places, shape (n, 3), of what is there, but for what has others before and behind it along some axis."""
+    for axis in range(3):
+        row = np.moveaxis(there, axis, 0)
+        before, behind = (np.logical_or.accumulate(row[way]) for way in (slice(None), slice(None, None, -1)))
+        between = before[:-2] & behind[-3::-1]
+        row = row.copy()
+        row[1:-1] &= ~between
+        there = np.moveaxis(row, 0, axis)
+    return np.argwhere(there)
 
 
 def blocks_of(volume: Field) -> tuple[Sequence[Sequence[int]], NDArray[np.float64]] | None:
