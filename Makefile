@@ -15,12 +15,14 @@ demo-cluster: .venv/ready
 
 PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-test: .venv/ready
-	$(PYTEST) --ignore tests/evidence
+# Of studies and benchmarks, the fuzzer, and the examples of docs/extending.md, each run in small.
+EVIDENCE := tests/evidence tests/extending tests/fuzz
 
-# Of studies and benchmarks, each run in small.
+test: .venv/ready
+	$(PYTEST) $(addprefix --ignore=,$(EVIDENCE))
+
 test-evidence: .venv/ready
-	$(PYTEST) tests/evidence
+	$(PYTEST) $(EVIDENCE)
 
 fuzz: .venv/ready
 	$(BIN)/python -m tests.fuzz --minutes $(or $(MINUTES),10)

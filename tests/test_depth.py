@@ -6,7 +6,7 @@ import pytest
 import wvr
 
 from .extending.marschner_lobb import MarschnerLobb
-from .helpers import INTEGRATORS, centered, constant, middle
+from .helpers import INTEGRATORS, KINDS, centered, constant, middle
 from .scenes import transfer_functions, volumes
 
 VOLUMES = volumes()
@@ -57,7 +57,7 @@ def test_what_ends_where_it_has_an_opacity_has_it(scene):
     assert np.all(reached == (image.rgba[..., 3] >= 0.3))
 
 
-@pytest.mark.parametrize("name", INTEGRATORS)
+@pytest.mark.parametrize("name", KINDS)
 def test_rays_end_as_at_a_clip(name):
     """Where all depths are the same that is a plane across the view."""
     volume = VOLUMES["noisy"]

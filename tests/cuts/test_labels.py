@@ -432,7 +432,7 @@ def test_trace(integrator, blobs):
     segmentation = wvr.Segmentation(labels, {1: SMOOTH, 2: SPARSE})
     camera = wvr.Camera.fit(blobs)
     image = wvr.render(blobs, None, camera, (9, 9), integrator=integrator, segmentation=segmentation, termination=0)
-    gc.collect()
+    gc.collect(1)
     opaque = [wp.full((1 << 16,), 1e9, dtype=float, device="cpu") for _ in range(50)]  # over whatever was freed
     for x, y in ((4, 4), (3, 5), (5, 2)):
         steps = image.trace(x, y)

@@ -84,8 +84,16 @@ def test_rays_that_rounding_puts_into_a_face_may_see_either_side(limit):
     assert np.abs(image.rgba[9, 0] - below).max() <= image.error_bound[9, 0] <= TOLERANCE
 
 
-@pytest.mark.parametrize("limit", [None, "1 MiB"], ids=["whole", "bricks"])
-@pytest.mark.parametrize("what", [wvr.Projection("max"), wvr.Projection("sum"), wvr.Isosurface(0.6)], ids=repr)
+@pytest.mark.parametrize(
+    ("what", "limit"),
+    [
+        (wvr.Projection("max"), None),
+        (wvr.Projection("max"), "1 MiB"),
+        (wvr.Projection("sum"), "1 MiB"),
+        (wvr.Isosurface(0.6), "1 MiB"),
+    ],
+    ids=str,
+)
 def test_projections_of_such_rays_are_anything(what, limit, monkeypatch):
     """A column is computed to have the values of the cells above, which it has not, or none, where it has values; in
     bricks those are of one cell.

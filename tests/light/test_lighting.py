@@ -74,11 +74,11 @@ def test_constant_gradient(integrator):
     assert lit.rgba[..., :3].max() > 0.2
 
 
-@pytest.mark.parametrize(("mode", "gradient"), [(mode, "central") for mode in MODES] + [("average", "cell")])
-def test_constant_gradient_in_every_mode(mode, gradient):
+@pytest.mark.parametrize("mode", MODES)
+def test_constant_gradient_in_every_mode(mode):
     volume = ramp_volume()
     tf, camera = linear_tf(volume), side_camera(volume)
-    lighting = wvr.Lighting(mode=mode, light=LIGHTS.light, shininess=9.0, gradient=gradient)
+    lighting = wvr.Lighting(mode=mode, light=LIGHTS.light, shininess=9.0)
     unlit = wvr.render(volume, tf, camera, (24, 24), integrator=wvr.Exact())
     lit = wvr.render(volume, tf, camera, (24, 24), integrator=wvr.Preintegrated(0.7), termination=0, lighting=lighting)
     # The table's own error is 1e-4.
@@ -354,7 +354,8 @@ def test_light_is_within_the_tolerance_where_normals_reverse(cut, monkeypatch):
     for tolerance in (1 / 512, 1e-4):
         found = image(tolerance=tolerance)
         assert found.stats["walk"] == "float32" and max_error(found, truth) < 0.25 * tolerance
-    assert max_error(image(tolerance=1e-4, precision="float64"), truth) < 2.5e-5
+    if not cut:  # then as exact
+        assert max_error(image(tolerance=1e-4, precision="float64"), truth) < 2.5e-5
     halves = wvr.frame.Frame.halves
     monkeypatch.setattr(wvr.frame.Frame, "halves", lambda self, *args: replace(halves(self, *args), vectors=False))
     assert max_error(image(tolerance=1e-4), truth) < 2.5e-5
