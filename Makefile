@@ -5,7 +5,7 @@ unexport PYTHONDONTWRITEBYTECODE
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo demo-cluster test test-evidence fuzz cuda lint bench studies docs release clean
+.PHONY: demo demo-cluster test test-more fuzz cuda lint bench studies docs release clean
 
 demo: .venv/wvr
 	$(BIN)/python -m studies.demo
@@ -15,14 +15,14 @@ demo-cluster: .venv/ready
 
 PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-# Of studies and benchmarks, the fuzzer, and the examples of docs/extending.md, each run in small.
-EVIDENCE := tests/evidence tests/extending tests/fuzz
+# Of studies and benchmarks, each run in small, the fuzzer, the examples of docs/extending.md, a cluster and a browser.
+MORE := tests/evidence tests/extending tests/fuzz tests/bricks/test_cluster.py tests/viewer/test_browser.py
 
 test: .venv/ready
-	$(PYTEST) $(addprefix --ignore=,$(EVIDENCE))
+	$(PYTEST) $(addprefix --ignore=,$(MORE))
 
-test-evidence: .venv/ready
-	$(PYTEST) $(EVIDENCE)
+test-more: .venv/ready
+	$(PYTEST) $(MORE)
 
 fuzz: .venv/ready
 	$(BIN)/python -m tests.fuzz --minutes $(or $(MINUTES),10)
