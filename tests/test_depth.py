@@ -1,5 +1,8 @@
 """Depths: where rays have an opacity, where they end, and what is under a pixel."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 
@@ -167,6 +170,19 @@ def test_pick():
     assert again == [picked.value] * 2 and set(renderer._keepers["cpu"].beside().builds.values()) == {1}
     nothing = image.pick(0, 0)
     assert nothing.opacity == 0 and np.isnan(nothing.value) and np.all(np.isnan(nothing.position))
+
+
+def test_an_image_holds_nothing_of_its_frame():
+    """What it has for depths is its own: parts that frames keep are gone with their renderer."""
+    volume = wvr.datasets.load("blobs", 16)
+    for options in ({}, {"memory_limit": "1 GiB"}, {"integrator": wvr.Projection("max")}):
+        renderer = wvr.Renderer(volume, FOG, **options)
+        image = renderer.render(wvr.Camera.fit(volume), (8, 6))
+        kept = [weakref.ref(keep) for keep in renderer._keepers.values()]
+        del renderer
+        gc.collect(1)
+        assert len(kept) == 1 and kept[0]() is None
+        assert np.isfinite(image.pick(4, 3).value)
 
 
 def test_unproject_is_the_inverse_of_project():

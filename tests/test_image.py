@@ -81,6 +81,20 @@ def test_uint8_rounds_to_nearest_and_clips():
     np.testing.assert_array_equal(uniform([1.7, 0.0, -1e-9, 1.0]).to_uint8("black"), [[[255, 0, 0]]])
 
 
+def test_a_background_of_any_kind_of_numbers_is_kept_as_floats():
+    given = np.array([0.1, 0.2, 0.3])
+    image = make_image(background=given)
+    given[:] = 1
+    assert image.background == (0.1, 0.2, 0.3)
+    np.testing.assert_array_equal(image.to_uint8(), make_image().to_uint8((0.1, 0.2, 0.3)))
+
+
+def test_pixels_behind_are_uint8_or_floats():
+    for dtype in (np.uint16, np.int64, bool):
+        with pytest.raises(ValueError, match="uint8 sRGB or finite linear"):
+            make_image().composited(np.ones((5, 7, 3), dtype))
+
+
 def test_own_background_and_transparent():
     image = make_image(background="orange")
     np.testing.assert_array_equal(image.to_uint8(), make_image().to_uint8("orange"))
@@ -330,6 +344,14 @@ def test_repr():
     image = Image(np.zeros((512, 512, 4), np.float32), np.full((512, 512), 47, np.int32), stats={"seconds": 0.21})
     assert repr(image) == "Image(512 x 512, 12.3 M samples, 0.21 s)"
     assert repr(Image(image.rgba, np.full((512, 512), 2**14, np.int32))) == "Image(512 x 512, 4.29 G samples)"
+    for count, said in (
+        (999_400, "999 k"),
+        (999_700, "1 M"),
+        (999_499_999, "999 M"),
+        (999_500_000, "1 G"),
+        (999, "999"),
+    ):
+        assert repr(Image(np.zeros((1, 1, 4)), np.array([[count]]))) == f"Image(1 x 1, {said} samples)"
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "b.JPEG"])

@@ -186,10 +186,11 @@ class Frame:
         stats: dict[str, Any],
         tracer: Tracer | None = None,
     ) -> Image:
-        size = (self.width, self.height)
+        # Without this frame, whose keeper has more than an image should hold.
+        camera, size, ends = self.camera, (self.width, self.height), self.ends
 
         def again(scene: Scene, keep: Keeper, pixel: tuple[int, int] | None) -> list[NDArray]:
-            found = probe(Frame(scene, self.camera, size, keep, self.ends), pixel=pixel)
+            found = probe(Frame(scene, camera, size, keep, ends), pixel=pixel)
             return fetched(keep, found.values, found.depths, found.rgba)
 
         return image_of(self, pixels, samples, stats, tracer, make_prober(self, again))
@@ -269,7 +270,7 @@ class Frame:
             frame = Frame(scene, camera, size, keep, ends)
             halves = frame.halves(REALS[scene.integrator.precision(scene)], scene.integrator.half(scene))
             halves = replace(halves, traced=True)
-            with keep.frame():
+            with keep.lock.held(), keep.frame():
                 struct, _ = frame.struct(halves)
             steps = wp.zeros(samples, dtype=Step, device=keep.device)
             struct.trace.steps = steps

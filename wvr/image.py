@@ -111,7 +111,8 @@ class Image:
                     raise ValueError(f"{name} must have the shape {rgba.shape[:2]} of rgba, got {array.shape}")
             self.rgba, self.samples, self.error_bound = rgba, samples, error_bound
         if not is_clear(background):
-            linear_rgb(background, "background")  # type: ignore[arg-type]
+            color = linear_rgb(background, "background")  # type: ignore[arg-type]
+            background = background if isinstance(background, str) else tuple(color.tolist())
         self.stats = {} if stats is None else stats
         self.background = background
         self.shown = shown
@@ -191,7 +192,8 @@ class Image:
         Raises
         ------
         ValueError
-            For an image of a method without adaptive steps, of a volume in bricks, or that is a copy.
+            For an image of a method without adaptive steps, of a volume in bricks, or that is a copy; and where
+            somebody wrote into its samples since.
         IndexError
             For a pixel outside the image.
         """
@@ -447,7 +449,7 @@ class Image:
 class BoundedImage(Image):
     """An image with a bound on its error: what :func:`wvr.render` returns where a tolerance says how large it may be.
 
-    Shadows of the modes "half-angle" and "occlusion" make images of their own, which have none.
+    Shadows with ``image="slices"`` make images of their own, which have none.
     """
 
     error_bound: NDArray[np.floating]
@@ -464,7 +466,8 @@ def _behind(background: Background, size: tuple[int, int]) -> NDArray[np.float64
     pixels = any_array(background if many else (), "background")
     if pixels.ndim < 2:
         return linear_rgb(background, "background")  # type: ignore[arg-type]
-    if pixels.shape != (*size[::-1], 3) or pixels.dtype.kind not in "fu" or not np.all(np.isfinite(pixels)):
+    known = pixels.dtype == np.uint8 or (pixels.dtype.kind == "f" and np.isfinite(pixels).all())
+    if pixels.shape != (*size[::-1], 3) or not known:
         raise ValueError(
             f"background must be a colour or (height, width, 3) = {(*size[::-1], 3)}, uint8 sRGB or finite linear "
             f"floats, got {pixels.dtype} {pixels.shape}"
@@ -491,6 +494,6 @@ def _quantised(encoded: NDArray[np.float64]) -> NDArray[np.uint8]:
 def _counted(count: int) -> str:
     """Three digits and a thousands' prefix: 12345678 as ``12.3 M``."""
     for unit, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
-        if count >= unit:
+        if count >= 0.9995 * unit:
             return f"{count / unit:.3g} {prefix}"
     return str(count)

@@ -112,6 +112,8 @@ class Keeper:
         if array is None or array.shape != tuple(shape) or array.dtype is not dtype:
             where = wp.get_device("cpu") if host else self.device
             pinned = host and self.device.is_cuda
+            array = None
+            self._scratch.pop(name, None)  # before there is another
             self._scratch[name] = array = wp.empty(shape, dtype=dtype, device=where, pinned=pinned)
         return array
 

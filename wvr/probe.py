@@ -51,6 +51,7 @@ def probe(frame: Frame, clock: Clock | None = None, pixel: tuple[int, int] | Non
     if pixel is None:
         launch_pixels(kernel, inputs, device, struct.view)
     else:
+        numbers[2].fill_(np.nan)  # depths beside it are no hint
         launch(kernel, 1, inputs, device, first=item(frame.width, *pixel))
     if clock is not None:
         clock.mark()
@@ -62,9 +63,9 @@ def make_prober(frame: Any, again: Callable[[Scene, Keeper, tuple[int, int] | No
     """Finds where rays have an opacity: values, depths and colours that those of another scene find, in all pixels or
     in one, when asked ``again``.
     """
-    scene = frame.scene
+    scene, given, camera = frame.scene, frame.given, frame.camera
     keep = frame.keep.beside()
-    volumes = frame.given.volumes()
+    volumes = given.volumes()
     versions = [volume.version for volume in volumes]
     clips = tuple(clip.exact() for clip in scene.clips)
 
@@ -79,8 +80,8 @@ def make_prober(frame: Any, again: Callable[[Scene, Keeper, tuple[int, int] | No
         if any(not hasattr(scene.volume.half, name) for name in integrator.asks):
             kind = type(scene.volume).__name__
             raise ValueError(f"depth needs a volume that says what it is inside a cell, which a {kind} does not")
-        sought = replace(frame.given, integrator=integrator, lighting=None, shadows=None, clips=clips)
-        sought.check(frame.camera)
+        sought = replace(given, integrator=integrator, lighting=None, shadows=None, clips=clips)
+        sought.check(camera)
         with keep.lock.held(), keep.frame():
             values, depths, rgba = again(sought, keep, pixel)
         at: Any = slice(None) if pixel is None else (pixel[1], pixel[0])

@@ -33,7 +33,7 @@ class Shading:
     diffuse: wp.float64
     specular: wp.float64
     shininess: wp.float64
-    faint: wp.float64  # square of the gradient where light has half faded [scalars per world length]^2
+    faint: wp.float64  # square of the gradient where light has half faded [ranges of the transfer function per voxel]^2
     parts: int  # that a segment is lit in, by the mode "supersampled"
     to_world: wp.mat33d  # index gradients to world gradients
     ahead: wp.mat33d  # index directions to world directions
@@ -234,7 +234,7 @@ def make_shading(halves):
 
     @wp.func
     def bare(scene: Scene, p: vec3):
-        """Scalars per world length; 0 where data are absent."""
+        """Ranges of the transfer function per smallest voxel spacing; 0 where data are absent."""
         g = differences(scene.field, p)
         if not wp.static(halves.field.finite):
             if not (wp.isfinite(g[0]) and wp.isfinite(g[1]) and wp.isfinite(g[2])):

@@ -315,11 +315,15 @@ def test_a_small_limit_keeps_few_bricks_and_changes_nothing():
 
 
 def test_what_bricks_in_front_have_not_spent_is_spent_behind(split):
-    """Else each brick cuts cells anew that the whole has room for."""
-    camera, options = CAMERAS["outside"], {"integrator": wvr.Certified(1 / 64)}
-    whole = wvr.render(VOLUME, TF, camera, SIZE, **options)
-    image = split((6, 6, 6), camera, **options)
-    assert image.stats["samples"] < 1.004 * whole.stats["samples"] and image.error_bound.max() <= 1 / 64
+    """Else each brick cuts cells anew that the whole has room for: in all 1.01 times as many samples."""
+    options = {"integrator": wvr.Certified(1 / 16)}
+    of_bricks = of_whole = 0
+    for name in ("outside", "parallel", "inside"):
+        image = split((6, 6, 6), CAMERAS[name], **options)
+        of_bricks += image.stats["samples"]
+        of_whole += wvr.render(VOLUME, TF, CAMERAS[name], SIZE, **options).stats["samples"]
+        assert image.error_bound.max() <= 1 / 16
+    assert of_bricks < 0.99 * of_whole
 
 
 def test_nothing_is_spent_behind_what_lets_nothing_through(monkeypatch):

@@ -1,5 +1,6 @@
 """Adaptive pre-integration: within its tolerance, in as few segments as the field along a ray allows."""
 
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import numpy as np
@@ -195,6 +196,14 @@ def test_trace_is_the_ray(device, noise, precision):
         origin, direction = (rays[y, x] for rays in wvr.Camera.fit(noise[0]).rays((24, 24)))
         faces = (np.array([[-16.0], [16.0]]) - origin) / direction
         assert end == pytest.approx(faces.max(axis=0).min() - faces.min(axis=0).max(), rel=1e-5)
+
+
+def test_traces_of_several_threads_are_those_of_one(noise):
+    image = render(*noise, tolerance=1e-3)
+    places = [(x, y) for x in range(9, 15) for y in range(9, 15)]
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(lambda place: image.trace(*place), places))
+    assert all(np.array_equal(one, image.trace(*place)) for one, place in zip(found, places, strict=True))
 
 
 def test_forced_steps(device):

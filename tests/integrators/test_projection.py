@@ -336,6 +336,11 @@ def test_what_it_cannot_do():
         wvr.Projection("mex")
     with pytest.raises(ValueError, match="light does not change"):
         wvr.render(volume, GREY, integrator=wvr.Projection(), lighting=True)
+    # They had none, without a word.
+    for shadows in (True, wvr.ConvolutionShadows(image="slices")):
+        for integrator in (wvr.Projection(), wvr.Isosurface(100)):
+            with pytest.raises(ValueError, match="shadows must be None for " + repr(integrator)[:9]):
+                wvr.render(volume, GREY, integrator=integrator, shadows=shadows)
     # Of which differences or sums overflow: there was nothing to be seen, or an infinite mean, within a bound.
     huge = wvr.Volume(np.where(np.indices((3, 3, 3)).sum(axis=0) % 2, 1.7e308, -1.7e308))
     wide = wvr.TransferFunction([(0, "black", 0), (1e308, "white", 1)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
@@ -219,9 +220,16 @@ class BrickedFrame:
         stats |= scene.integrator.report(self)  # type: ignore[arg-type]
         if scene.volume.stored and "bound_covers" in stats and not (scene.integrator.probes and not self.partly):
             stats["bound_covers"] += ", and what was not read"
-        return image_of(self, rgba, samples, stats, prober=make_prober(self, self._again))
+        return image_of(self, rgba, samples, stats, prober=make_prober(self, self._again()))
 
-    def _again(self, scene: Scene, keep: Keeper, pixel: tuple[int, int] | None) -> list[NDArray[np.float64]]:
-        """Values, depths and colours of another scene, of whatever has to be read for it."""
+    def _again(self) -> Callable[[Scene, Keeper, tuple[int, int] | None], list[NDArray[np.float64]]]:
+        """Values, depths and colours of another scene, of whatever has to be read for it; without this frame, whose
+        keeper has more than an image should hold.
+        """
+        camera, size, ends = self.camera, self.size, self.ends
         reading = replace(self.reading, seconds=None, bytes=None, missing="error", client=False)
-        return BrickedFrame(scene, self.camera, self.size, keep, reading, self.ends).found(pixel)
+
+        def again(scene: Scene, keep: Keeper, pixel: tuple[int, int] | None) -> list[NDArray[np.float64]]:
+            return BrickedFrame(scene, camera, size, keep, reading, ends).found(pixel)
+
+        return again

@@ -156,7 +156,12 @@ class ConvolutionShadows:
         return self.image == "slices"
 
     def check(self, scene: Scene) -> None:
-        """All scenes can be in shadow, but for cells of light that are too many."""
+        """All that emits can be in shadow, but for cells of light that are too many."""
+        if scene.integrator.probes:
+            raise ValueError(
+                f"shadows must be None for {scene.integrator!r}: they are on what emits along a ray, of which it "
+                f"looks for one value"
+            )
         if scene.volume.longest / self.cell_width > MOST_CELLS:
             raise ValueError(
                 f"shadows must have cells of at least {scene.volume.longest / MOST_CELLS:.3g} voxel spacings in this "
