@@ -79,6 +79,38 @@ def test_recolored_has_the_extinction_of_before():
     np.testing.assert_allclose(new.color(s[inside]), plain.color(s[inside]), atol=2e-3)
 
 
+def test_recolored_keeps_unit_and_coefficients():
+    given = {"ambient": [0.1, 0.5], "specular": [0.0, 1.0]}
+    tf = wvr.TransferFunction.from_arrays([0, 100], [[1, 0, 0]] * 2, [0.75, 0.75], 2.0, **given)
+    new = recolored(tf, "viridis", (0, 100))
+    np.testing.assert_allclose(new.opacities, 0.75)
+    np.testing.assert_allclose(new.ambient, 0.1 + 0.4 * new.knots / 100, atol=1e-12)
+    np.testing.assert_allclose(new.specular, new.knots / 100, atol=1e-12)
+    assert new.diffuse is None and new.unit_distance == 2.0
+
+
+def test_limits_of_one_number(volume):
+    assert function_of("viridis", volume, "linear", np.float32(5))[0].knots[[0, -1]].tolist() == [-5, 5]
+    for wrong in (0, -5, True, np.nan):
+        with pytest.raises((ValueError, TypeError), match="clim must be"):
+            function_of("viridis", volume, "linear", wrong)
+
+
+def test_names_of_colours_are_no_points(volume):
+    tf, _ = function_of(["red", "tan"], volume, "linear")
+    np.testing.assert_allclose(tf.colors[0], (1, 0, 0), atol=1e-6)
+
+
+def test_labels_with_functions_have_no_limits(volume):
+    tf = wvr.TransferFunction([(0, "red", 0.3), (255, "red", 0.3)])
+    segmentation = wvr.Segmentation(np.ones(volume.shape, np.uint8), {1: tf})
+    for name, value in (("clim", (0, 5)), ("opacity", "linear")):
+        with pytest.raises(
+            ValueError, match=f"{name} is for colour maps.*, labels have transfer functions of their own"
+        ):
+            wvr.render(volume, segmentation=segmentation, **FAST, **{name: value})
+
+
 def test_lighting_in_other_words(volume):
     camera = wvr.Camera.fit(volume)
     light = wvr.Lighting("center")

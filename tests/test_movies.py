@@ -123,6 +123,13 @@ def test_an_orbit_is_counter_clockwise_and_keeps_its_distance(volume):
     np.testing.assert_allclose(images[0].rgba, images[2].rgba, atol=0.05)  # a sphere
 
 
+def test_an_orbit_of_a_store_is_that_of_the_volume():
+    values = np.zeros((12, 12, 12), np.uint8)
+    values[3:9, :2, 3:9] = values[5:7, :9, 5:7] = 200
+    for one, other in zip(*(wvr.orbit(data, frames=2, **FAST) for data in (values, wvr.open(values))), strict=True):
+        np.testing.assert_allclose(one.shown.camera.position, other.shown.camera.position, atol=1e-9)
+
+
 def test_an_orbit_frames_what_an_integrator_shows():
     """Of a maximum all that is not dark, whatever is opaque; of an isosurface what is above it."""
     values = np.zeros((12, 12, 12), np.uint8)

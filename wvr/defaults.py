@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Sequence
+from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, get_args
 
 import numpy as np
@@ -135,6 +136,9 @@ class Call(NamedTuple):
         own = isinstance(segmentation, Segmentation)
         if self.transfer_function is not None or not own:
             function, chosen = self.function(volume, seen)
+        else:
+            for name, value in (("opacity", self.opacity), ("clim", self.clim)):
+                _refuse(name, value, "labels have transfer functions of their own")
         shown: Any = None if function is None else framed_by(self.integrator, function)
         if segmentation is not None:
             segmentation = segmentation if own else segmentation_of(segmentation, function)
@@ -246,9 +250,8 @@ def _refuse(name: str, value: Any, why: str) -> None:
 
 
 def _limits(clim: Any) -> tuple[float, float]:
-    if isinstance(clim, int | float):
-        return -float(clim), float(clim)
-    limits = float_array(clim, "clim")
+    one = isinstance(clim, Real) and not isinstance(clim, bool)
+    limits = float_array((-clim, clim) if one else clim, "clim")
     if limits.shape != (2,) or not limits[0] < limits[1] or not np.all(np.isfinite(limits)):
         raise ValueError(f"clim must be (lo, hi) with lo < hi, or one number for (-n, n), got {clim!r}")
     return float(limits[0]), float(limits[1])
@@ -258,7 +261,8 @@ def _are_points(given: Any) -> bool:
     """Whether it is a list of (scalar, colour, opacity), and not one of colours."""
     if isinstance(given, str) or not isinstance(given, Sequence) or not given:
         return False
-    return all(isinstance(p, Sequence) and len(p) == 3 and not isinstance(p[1], int | float | np.number) for p in given)
+    rows = (p for p in given if isinstance(p, Sequence) and not isinstance(p, str) and len(p) == 3)
+    return len(given) == sum(not isinstance(p[1], int | float | np.number) for p in rows)
 
 
 def _check_colors(colors: Any) -> None:
@@ -297,12 +301,17 @@ def recolored(tf: TransferFunction, colors: Colors, limits: tuple[float, float])
     added = np.setdiff1d(inside, tf.knots)
     order = np.argsort(np.concatenate([tf.knots, added]), kind="stable")
     knots = np.concatenate([tf.knots, added])[order]
-    opacity = np.concatenate([tf.opacities, -np.expm1(-tf.extinction(added))])[order]
+    unit = 1.0 if tf.unit_distance is None else tf.unit_distance
+    opacity = np.concatenate([tf.opacities, -np.expm1(-tf.extinction(added) * unit)])[order]
+    materials = {
+        name: None if values is None else np.concatenate([values, np.interp(added, tf.knots, values)])[order]
+        for name, values in tf.materials().items()
+    }
     # In parts of the range: of denormal numbers the slopes overflow.
     with np.errstate(over="ignore"):
         parts = (knots - at[0]) / (at[-1] - at[0])
     painted = np.stack([np.interp(parts, np.linspace(0, 1, len(rgb)), channel) for channel in rgb.T], axis=-1)
-    return TransferFunction.from_arrays(knots, painted, opacity, tf.unit_distance)
+    return TransferFunction.from_arrays(knots, painted, opacity, tf.unit_distance, **materials)
 
 
 def camera_of(

@@ -113,8 +113,9 @@ def orbit(
         raise TypeError("camera is what orbit chooses: give elevation and turn")
     call, rest = _split("orbit", transfer_function, options)
     look = call._replace(camera="iso").look(volume, size)
-    points = visible_points(volume, look.shown, clip_list(call.clip))
-    cameras = _around(points, volume, frames, elevation, turn, size[0] / size[1])
+    placed = call.looks_at(volume)[1]  # as ``render`` frames it
+    points = visible_points(placed, look.shown, clip_list(call.clip))
+    cameras = _around(points, placed, frames, elevation, turn, size[0] / size[1])
     renderer = Renderer(
         volume, look.transfer_function, background=look.background, segmentation=look.segmentation, **rest
     )

@@ -105,6 +105,9 @@ def as_volume(
     for name, value in (("spacing", spacing), ("origin", origin), ("axes", axes)):
         if value is not None and (not is_array or of_library):
             raise ValueError(f"{name} is for arrays, a {type(data).__name__} says so itself, got {value!r}")
+    for name, value in (("scalars", scalars), ("nan", nan)):
+        if value is not None and isinstance(data, Field):
+            raise ValueError(f"{name} is for what becomes a volume, got {value!r} for a {type(data).__name__}")
     if scalars is not None and is_array and not of_library:
         raise ValueError(f"scalars is for datasets and files with several arrays, got {scalars!r} for an array")
     if isinstance(data, Field):
@@ -128,6 +131,8 @@ def _named(name: str | os.PathLike[str], scalars: str | None, nan: NanPolicy) ->
 
         return open_volume(name, scalars=scalars, nan=nan)  # type: ignore[return-value]
     if not Path(name).exists() and str(name) in known:
+        if scalars is not None:
+            raise ValueError(f"scalars is for files with several arrays, got {scalars!r} for the dataset {str(name)!r}")
         return datasets.load(str(name))
     if not Path(name).exists() and not Path(name).suffix:
         near = get_close_matches(str(name), known, 1)

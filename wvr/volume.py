@@ -402,7 +402,8 @@ def _as_data(array: Any, axes: Axes) -> tuple[Any, bool]:
         array = array.T if axes == "xyz" else array
         if type(array) is np.ndarray and array.flags.c_contiguous and array.dtype.isnative:
             return array, shares
-        if array.nbytes > (free := free_host_memory()):
+        copied = not (array.flags.c_contiguous and array.dtype.isnative)
+        if copied and array.nbytes > (free := free_host_memory()):
             raise MemoryError(
                 f"array is copied, as it is not C-contiguous in native byte order, which takes "
                 f"{gib(array.nbytes)}, of which {gib(free)} are free"

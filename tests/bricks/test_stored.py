@@ -228,6 +228,15 @@ def test_a_coarse_level_stands_in_within_the_bound(budget):
     assert_within(image, camera, None)
     off, before = (np.abs(one.rgba - exact.rgba).mean() for one in (image, middle))
     assert off < before / 2
+    if budget == 0:
+        # It ends where rays do.
+        depth = np.full(SIZE[::-1], np.linalg.norm(WHOLE.corners.mean(axis=0) - camera.position) - 8)
+        exact = wvr.render(WHOLE, TF, camera, SIZE, integrator=wvr.Exact(), depth=depth)
+        image, middle = (
+            wvr.render(one, TF, camera, SIZE, tolerance=TOLERANCE, budget=0, depth=depth) for one in (pyramid, volume)
+        )
+        off, before = (np.abs(one.rgba - exact.rgba).mean() for one in (image, middle))
+        assert off < before / 5
 
 
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
@@ -638,11 +647,51 @@ def test_nifti_is_mapped_where_it_lies(tmp_path):
         (np.zeros((4, 4, 4)), {"scalars": "a"}, "scalars"),
         (np.zeros((4, 4, 4)), {"spacing": (1, 0, 1)}, "spacing"),
         (np.zeros((4, 4, 4)), {"ranges": "nowhere.npz"}, "ranges"),
+        (np.zeros((4, 4, 4)), {"offset": 4}, "offset is for raw files"),
     ],
 )
 def test_what_is_no_store_is_said(store, options, named):
     with pytest.raises((ValueError, TypeError, OSError), match=named):
         wvr.open(store, **options)
+
+
+def test_what_a_store_has_no_use_for_is_refused(store, tmp_path):
+    """It was without effect, and nobody told."""
+    import h5py
+
+    np.save(tmp_path / "a.npy", DATA)
+    DATA.tofile(tmp_path / "a.raw")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["a"] = DATA
+    raw = {"shape": DATA.shape, "dtype": DATA.dtype}
+    for name, options in (
+        ("a.npy", {"level": 1}),
+        ("a.npy", {"scalars": "a"}),
+        ("a.raw", raw | {"level": 1}),
+        ("a.raw", raw | {"scalars": "a"}),
+        ("a.h5", {"level": 1}),
+        ("a.h5", raw),
+        ("a.h5", {"offset": 3}),
+        (store, {"scalars": "a"}),
+        (store, raw),
+        (store, {"offset": 3}),
+    ):
+        with pytest.raises(ValueError, match=r"(level|scalars|shape|offset) is for (pyramids|stores|raw)"):
+            wvr.open(tmp_path / name, **options)
+    with pytest.raises(TypeError, match=r"outptu: keywords of wvr\.open are for what it opens"):
+        wvr.build_ranges(wvr.open(DATA), outptu="a.npz")
+    with pytest.raises(ValueError, match="nan is for what becomes a volume, got 'transparent' for a Volume"):
+        wvr.as_volume(WHOLE, nan="transparent")
+
+
+def test_ranges_of_what_changed_are_not_those_of_a_file(tmp_path):
+    """Of an array, which does not tell: what was said to have changed is read."""
+    array = np.zeros((40, 40, 40), np.uint8)
+    volume = wvr.build_ranges(wvr.open(array), tmp_path / "ranges.npz")
+    assert volume.range == (0, 0)
+    array[...] = 200
+    volume.changed()
+    assert wvr.build_ranges(volume, tmp_path / "ranges.npz").range == (200, 200)
 
 
 def test_a_store_over_http(store):
@@ -660,6 +709,7 @@ def test_a_store_over_http(store):
     try:
         url = f"http://127.0.0.1:{server.server_port}/a.zarr"
         volume = opened(url, ranges=store.parent / "own.npz")
+        assert volume.ranges.known.all()
         assert_within(wvr.render(volume, TF, CAMERAS["inside"], SIZE, tolerance=TOLERANCE), CAMERAS["inside"])
         shutil.rmtree(store)
     finally:

@@ -131,7 +131,17 @@ def legacy(path: Path, grid, binary=True):
     writer.Write()
 
 
-def dicom(path: Path, array, position, slope=1, intercept=0, number=1, series="1.2.3", orientation=(0, 1, 0, -1, 0, 0)):
+def dicom(
+    path: Path,
+    array,
+    position,
+    slope=1,
+    intercept=0,
+    number=1,
+    series="1.2.3",
+    orientation=(0, 1, 0, -1, 0, 0),
+    spacing=(SPACING[1], SPACING[0]),
+):
     pydicom = pytest.importorskip("pydicom")
     head = pydicom.dataset.FileMetaDataset()
     head.TransferSyntaxUID = pydicom.uid.ExplicitVRLittleEndian
@@ -145,7 +155,7 @@ def dicom(path: Path, array, position, slope=1, intercept=0, number=1, series="1
     )
     data.SeriesInstanceUID, data.InstanceNumber = series, number
     data.Rows, data.Columns = array.shape[:2]
-    data.PixelSpacing, data.SliceThickness = [SPACING[1], SPACING[0]], 99.0
+    data.PixelSpacing, data.SliceThickness = list(spacing), 99.0
     data.ImageOrientationPatient, data.ImagePositionPatient = list(orientation), list(position)
     data.SamplesPerPixel, data.PhotometricInterpretation = (1, "MONOCHROME2") if array.ndim == 2 else (3, "RGB")
     data.BitsAllocated = data.BitsStored = 8 * array.itemsize

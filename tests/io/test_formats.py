@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import importlib.util
 import io
+import struct
 import warnings
 import zipfile
 import zlib
@@ -207,6 +208,22 @@ def test_npz(tmp_path):
             read(tmp_path / name)
 
 
+@pytest.mark.parametrize("color, bands", [(2, 3), (4, 2), (6, 4)])
+def test_png_of_sixteen_bits_in_channels_is_refused(tmp_path, color, bands):
+    """Of which Pillow keeps eight."""
+
+    def chunk(kind, content):
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    rows = b"".join(b"\0" + FIELD[0, y].astype(">u2").repeat(bands).tobytes() for y in range(3))
+    head = struct.pack(">IIBBBBB", 5, 3, 16, color, 0, 0, 0)
+    png = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.png").write_bytes(png)
+    with pytest.raises(ValueError, match=r"a\.png has 16 bits a sample in . channels"):
+        read(tmp_path)
+
+
 @pytest.mark.parametrize("ending, dtype", [("png", "u1"), ("png", "u2"), ("bmp", "u1"), ("jpg", "u1")])
 def test_folders_of_images(tmp_path, ending, dtype):
     array = np.concatenate([FIELD] * 3).astype(dtype)
@@ -325,6 +342,9 @@ def test_dicom_noise_of_orientations_is_none(tmp_path):
     np.testing.assert_allclose(volume.direction, TURNED, atol=1e-4)
     dicom(tmp_path / "3", FIELD[3], (10, 20, 39), orientation=(0.01, 1, 0, -1, 0.01, 0))
     with pytest.raises(ValueError, match=r"different orientation: 3 has \[.*\], 0 "):
+        read(tmp_path)
+    dicom(tmp_path / "3", FIELD[3], (10, 20, 39), spacing=(2.5, 1.5))
+    with pytest.raises(ValueError, match=r"different spacing: 3 has \[2.5, 1.5\] mm, 0 \[2.0, 1.5\]"):
         read(tmp_path)
     dicom(tmp_path / "3", FIELD[3, :2], (10, 20, 39))
     with pytest.raises(ValueError, match=r"different size: 3 has \(2, 5\) samples, 0 \(3, 5\)"):

@@ -100,12 +100,21 @@ def test_detached_data(tmp_path):
 
 def test_nrrd_spacings_and_axis_mins(tmp_path):
     path = tmp_path / "a.nrrd"
-    path.write_bytes(
-        nrrd(LITTLE, place=False, more="spacings: 1.5 2 3\naxis mins: 10 20 30\ncenters: node cell node\n")
-    )
-    check(read(path), origin=(10, 21, 30), direction=np.eye(3))
+    for name in ("centers", "centerings"):
+        more = f"spacings: 1.5 2 3\naxis mins: 10 20 30\n{name}: node cell node\n"
+        path.write_bytes(nrrd(LITTLE, place=False, more=more))
+        check(read(path), origin=(10, 21, 30), direction=np.eye(3))
     path.write_bytes(nrrd(LITTLE, place=False))
     check(read(path), spacing=(1, 1, 1), origin=(0, 0, 0), direction=np.eye(3))
+
+
+def test_meta_images_are_as_far_apart_as_their_spacing_says(tmp_path):
+    """Also where their samples are said to be larger, before it; the size stands in for a spacing that is not given."""
+    path = tmp_path / "a.mha"
+    path.write_bytes(meta(LITTLE, more="ElementSize = 9 9 9\n"))
+    check(read(path))
+    path.write_bytes(meta(LITTLE).replace(b"ElementSpacing", b"ElementSize"))
+    check(read(path))
 
 
 def test_nifti_without_form_and_with_slope(tmp_path):
@@ -225,11 +234,15 @@ def test_npy(tmp_path):
 # --- Raw ------------------------------------------------------------------------------------------------------------
 
 
-def test_raw(tmp_path):
+def test_raw(tmp_path, monkeypatch):
     path = tmp_path / "a.bin"
     path.write_bytes(b"head" + LITTLE)
     volume = read_raw(path, (4, 3, 5), "int16", SPACING, ORIGIN, TURNED, offset=4)
     check(volume)
+    # However little memory is free: it is not copied.
+    monkeypatch.setattr("wvr.volume.free_host_memory", lambda: 1.0)
+    check(read_raw(path, (4, 3, 5), "int16", SPACING, ORIGIN, TURNED, offset=4))
+    monkeypatch.undo()
     assert isinstance(volume.numpy().base, np.memmap) and not volume.numpy().flags.writeable
     path.write_bytes(BIG)
     check(read_raw(path, (4, 3, 5), np.int16, SPACING, ORIGIN, TURNED, byteorder="big"))

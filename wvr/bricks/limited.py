@@ -145,7 +145,9 @@ class Limited:
         volume = march.volume.preview if read else vars(march.volume).get("preview")
         if volume is None or scene.segmentation is not None or not (self.numbers >= 0).any():
             return
-        image = Frame(replace(scene, volume=volume, like=None), march.caster.camera, march.caster.size, march.keep)
+        caster = march.caster
+        scene = replace(scene, volume=volume, like=None)
+        image = Frame(scene, caster.camera, caster.size, march.keep, caster.ends)
         self.coarse = image.render().rgba.astype(np.float64)
 
     def _struct(self) -> Any:

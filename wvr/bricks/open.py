@@ -97,8 +97,7 @@ def open(
         path_of(store, "store")
         volume, beside = _path(str(store), level, scalars, selection, raw)
     else:
-        if shape is not None or dtype is not None:
-            raise ValueError("shape and dtype are for raw files, an array says so itself")
+        _has_no_use(f"a {type(store).__name__}", shape=shape, dtype=dtype, offset=offset or None)
         volume, beside = _object(store, level, scalars, selection)
     if volume.unplaced and spacing is None:
         raise ValueError(volume.unplaced)
@@ -167,7 +166,14 @@ def build_ranges(
         client = active_client()
     if report is not None and not callable(report):
         raise TypeError(f"report must be called with two numbers, got {report!r}")
-    volume = store if isinstance(store, StoredVolume) else open(store, **options)
+    if isinstance(store, StoredVolume):
+        if options:
+            raise TypeError(
+                f"{', '.join(options)}: keywords of wvr.open are for what it opens, store is a volume already"
+            )
+        volume = store
+    else:
+        volume = open(store, **options)
     path = volume.place if output is None else path_of(output, "output")
     volume.ranges = build(volume, path, client or None, report)
     vars(volume).pop("range", None)
@@ -175,6 +181,16 @@ def build_ranges(
 
 
 Opened = tuple[StoredVolume, Path | None]
+# What has a use for a keyword.
+USES = {"level": "pyramids (OME-Zarr)", "scalars": "stores with several arrays"}
+USES |= dict.fromkeys(("shape", "dtype", "offset"), "raw files")
+
+
+def _has_no_use(kind: str, **given: Any) -> None:
+    """Refuse what is given, of a store that has no use for it."""
+    for name, value in given.items():
+        if value is not None:
+            raise ValueError(f"{name} is for {USES[name]}, got {value!r} for {kind}")
 
 
 def _path(name: str, level: int | None, scalars: str | None, selection: dict, raw: tuple) -> Opened:
@@ -183,18 +199,24 @@ def _path(name: str, level: int | None, scalars: str | None, selection: dict, ra
     suffix = path.suffix.lower()
     if not url and not path.exists():
         raise FileNotFoundError(f"{name!r} is not there")
+    layout = {"shape": raw[0], "dtype": raw[1], "offset": raw[2] or None}
     if not url and path.is_file():
+        _has_no_use(repr(name), level=level)
         if suffix in HDF5:
+            _has_no_use(repr(name), **layout)
             volume = hdf5(Hdf5(name, hdf5_name(name, scalars)), selection)
             return volume, sidecar(name, volume.samples.array.name, selection)
+        _has_no_use(repr(name), scalars=scalars)
         if raw[0] is not None or raw[1] is not None or suffix == ".npy":
             return mapped(name, raw, selection), sidecar(name, selection=selection)
+        _has_no_use(repr(name), **layout)
         if suffix == ".nii":
             return nifti(path, selection), sidecar(name, selection=selection)
         raise ValueError(
             f"store must be zarr, HDF5, .npy, .nii, or a raw file with shape and dtype, got {name!r}: wvr.read reads "
             f"other files, .nii.gz among them, as a whole"
         )
+    _has_no_use(repr(name), **layout)
     with needs("zarr >= 3 (and that Python >= 3.11)", "zarr", "distributed"):
         import zarr
         import zarr.abc  # which zarr 2 has not
@@ -209,12 +231,10 @@ def _object(store: Any, level: int | None, scalars: str | None, selection: dict)
     if module == "zarr":
         root = getattr(store.store, "root", None)
         return _node(store, level, scalars, selection, None if root is None else Path(root) / store.path)
-    if level is not None:
-        raise ValueError(f"level is for pyramids (OME-Zarr), got {level!r} for a {type(store).__name__}")
+    _has_no_use(f"a {type(store).__name__}", level=level)
     if module == "xarray":
         return _xarray(store, scalars, selection), None
-    if scalars is not None:
-        raise ValueError(f"scalars is for stores with several arrays, got {scalars!r} for a {type(store).__name__}")
+    _has_no_use(f"a {type(store).__name__}", scalars=scalars)
     if module == "h5py":
         return hdf5(Hdf5(store.file.filename, store.name), selection), sidecar(
             store.file.filename, store.name, selection
@@ -248,8 +268,7 @@ def _sound(name: str) -> Iterator[None]:
 
 def _node(node: Any, level: int | None, scalars: str | None, selection: dict, path: Path | None) -> Opened:
     if hasattr(node, "shape"):
-        if level is not None:
-            raise ValueError(f"level is for pyramids (OME-Zarr), got {level!r} for an array, {path or node.name}")
+        _has_no_use(f"an array, {path or node.name}", level=level, scalars=scalars)
         # Those of Zarr 2 are said by xarray alone.
         names = getattr(node.metadata, "dimension_names", None) or node.attrs.get(XARRAY)
         volume = _zarr_array(node, str(path or node.name), selection, names)

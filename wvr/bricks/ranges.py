@@ -195,21 +195,20 @@ def marks_of(volume: StoredVolume) -> NDArray[np.str_]:
     return marked(spans)
 
 
-def attach(volume: StoredVolume, path: Path) -> bool:
-    """Give a volume the ranges of a file; those of blocks that changed since are left out. False where the file is of
-    another array.
+def attach(volume: StoredVolume, path: Path) -> None:
+    """Give a volume the ranges of a file, unless it is of another array; those of blocks that changed since, as far as
+    the store tells, are left out.
     """
     ranges = BlockRanges.load(path)
     if ranges.identity != volume.samples.identity or ranges.starts != volume.starts:
         announce("%s is of another array, or of other chunks (%s), and is not used", path, ranges.identity)
-        return False
+        return
     volume.ranges = ranges
     now = marks_of(volume)
-    changed = ranges.known & (ranges.marks != now)
+    changed = ranges.known & (now != "") & (ranges.marks != now)
     if changed.any():
         announce("%d of %d blocks changed since %s was built: they are read", changed.sum(), changed.size, path)
         ranges.known &= ~changed
-    return True
 
 
 def build(
@@ -222,7 +221,9 @@ def build(
     report
         Called with how many blocks are known, and how many there are.
     """
-    if path is not None and path.exists():
+    # A file cannot tell what of an array was said to have changed since.
+    forgotten = volume.version > 0 and volume.samples.marks is None
+    if path is not None and path.exists() and not forgotten:
         attach(volume, path)
     ranges = BlockRanges.empty(volume) if volume.ranges is None else volume.ranges
     marks = marks_of(volume)

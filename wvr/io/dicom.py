@@ -251,6 +251,11 @@ def _grid(path: Path, slices: list[Slice]) -> Grid:
                 f"{path} holds DICOM slices of different orientation: {other.path.name} has "
                 f"{[*other.row, *other.column]}, {first.path.name} {[*first.row, *first.column]}; move odd ones out"
             )
+        if not np.allclose(other.spacing, first.spacing, rtol=NOISE, atol=0):
+            raise Unsupported(
+                f"{path} holds DICOM slices of different spacing: {other.path.name} has {[*other.spacing]} mm, "
+                f"{first.path.name} {[*first.spacing]}; move odd ones out of the folder"
+            )
     normal = np.cross(first.row, first.column)
     slices = sorted(slices, key=lambda s: s.order)
     if any(s.place is None for s in slices):

@@ -29,7 +29,6 @@ TYPES = {
 # Fields that mean the same, and their first names.
 ALIASES = {
     "ElementByteOrderMSB": "BinaryDataByteOrderMSB",
-    "ElementSize": "ElementSpacing",
     **dict.fromkeys(("Position", "Origin"), "Offset"),
     **dict.fromkeys(("Rotation", "Orientation"), "TransformMatrix"),
 }
@@ -90,7 +89,9 @@ def _samples(head: Fields, file: BinaryIO, shape: list[int]) -> NDArray:
 
 
 def _place(head: Fields, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    spacing = np.array(head.numbers("ElementSpacing", float, n) if "ElementSpacing" in head else [1.0] * n)
+    # Samples may be smaller than they are apart, which counts.
+    apart = next((name for name in ("ElementSpacing", "ElementSize") if name in head), None)
+    spacing = np.array([1.0] * n if apart is None else head.numbers(apart, float, n))
     origin = np.array(head.numbers("Offset", float, n) if "Offset" in head else [0.0] * n)
     matrix = np.eye(n)
     if "TransformMatrix" in head:

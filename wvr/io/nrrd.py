@@ -35,6 +35,7 @@ PACKINGS = {"raw": "raw", "gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2":
 PACKINGS |= dict.fromkeys(("txt", "text", "ascii"), "text")
 SPATIAL = ("domain", "space", "???", "none")
 ALIASES = {"datafile": "data file", "lineskip": "line skip", "byteskip": "byte skip", "axismins": "axis mins"}
+ALIASES |= {"centerings": "centers"}
 VECTOR = r"none|\([^)]*\)"
 
 

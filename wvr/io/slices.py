@@ -79,6 +79,10 @@ def _pixels(path: Path) -> NDArray:
     with opened(path) as file, Image.open(file, formats=("PNG", "JPEG", "BMP")) as image:
         bands = len(image.getbands())
         empty((image.height, image.width, bands), np.uint16, path.stat().st_size, "image")
+        if image.mode in ("RGB", "RGBA", "LA") and any(";16" in str(tile[3]) for tile in image.tile):
+            raise Unsupported(
+                f"{path} has 16 bits a sample in {bands} channels, of which 8 would be read: save it as grey"
+            )
         if image.mode == "1":
             return np.array(image.convert("L"))
         if image.mode in ("P", "PA", "CMYK", "YCbCr"):
