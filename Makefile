@@ -15,8 +15,10 @@ demo-cluster: .venv/ready
 
 PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-# Of studies and benchmarks, each run in small, the fuzzer, the examples of docs/extending.md, a cluster and a browser.
-MORE := tests/evidence tests/extending tests/fuzz tests/bricks/test_cluster.py tests/viewer/test_browser.py
+# Of studies and benchmarks, each run in small, the fuzzer, the examples of docs/extending.md, a cluster, a browser, what
+# GPUs run, and kernels that cannot be kept.
+MORE := tests/evidence tests/extending tests/fuzz tests/bricks/test_cluster.py tests/viewer/test_browser.py \
+  tests/integrators/test_lone.py tests/test_cuda.py tests/test_kernel_cache.py
 
 test: .venv/ready
 	$(PYTEST) $(addprefix --ignore=,$(MORE))
@@ -27,7 +29,7 @@ test-more: .venv/ready
 fuzz: .venv/ready
 	$(BIN)/python -m tests.fuzz --minutes $(or $(MINUTES),10)
 
-# Every kernel for CUDA, which needs no GPU; `make test` has a sample.
+# Every kernel for CUDA, which needs no GPU; `make test-more` has a sample.
 cuda: .venv/ready
 	$(BIN)/wvr study cuda
 

@@ -88,7 +88,7 @@ def orbit(
     turn
         How far it goes, counter-clockwise as seen from above [degrees].
     fps
-        Images a second.
+        Images a second; a GIF plays at most 50.
     **options
         Other keywords of :func:`wvr.render`: ``opacity``, ``lighting``, ``tolerance``, ... The distance is one from
         which all that is visible is in all frames; light stays where the camera is.
