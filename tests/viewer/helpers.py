@@ -12,7 +12,8 @@ from wvr.viewer.state import Source
 
 def source(**options) -> Source:
     """A volume that renders at once."""
-    call = {name: options.pop(name) for name in ("lighting", "shadows", "clip", "segmentation") if name in options}
+    look = ("lighting", "shadows", "clip", "segmentation", "background")
+    call = {name: options.pop(name) for name in look if name in options}
     volume = wvr.datasets.load("blobs", 24)
     lo, hi = volume.range
     tf = wvr.TransferFunction([(lo, "navy", 0.0), ((lo + hi) / 2, "orange", 0.2), (hi, "white", 0.6)])

@@ -206,6 +206,18 @@ def test_what_is_no_message_ends_a_connection(viewer, text, code):
         other.final()
 
 
+def test_a_message_that_cannot_be_sent_ends_a_connection(viewer):
+    """Open and mute, it would look as if nothing happened any more."""
+    with Tab(viewer) as tab:
+        tab.final()
+        next(iter(viewer._server._sessions))._send({"type": "picked", "value": float("nan")}, None)
+        code, reason = tab.closing()
+        assert code == 1011 and "could not be sent" in reason
+    wait_for(lambda: viewer.clients == 0)
+    with Tab(viewer) as other:
+        other.final()
+
+
 def test_a_client_that_does_not_look_is_not_sent_old_pictures(viewer):
     with Tab(viewer, seen=False) as tab:
         for _ in range(UNSEEN):

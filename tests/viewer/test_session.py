@@ -11,8 +11,11 @@ import pytest
 
 import wvr
 from tests.viewer.helpers import Client, source, wait_for
+from wvr.defaults import Call, studio
+from wvr.integrators.base import Integrator
 from wvr.viewer.describe import dumps
-from wvr.viewer.state import Source
+from wvr.viewer.script import NAMES
+from wvr.viewer.state import Source, towards
 from wvr.viewer.viewer import source_of
 
 
@@ -182,6 +185,33 @@ def test_a_saved_function_loads_exactly(tmp_path):
         assert client.session.state.presentation.transfer_function == wvr.TransferFunction.load(tmp_path / "tf.json")
 
 
+def test_a_function_of_pyvista_that_is_loaded_has_a_length():
+    """Views, colour maps and other edits need it as a number."""
+    with Client(source(), size=(16, 12)) as client:
+        volume, tf = client.session.source.first_volume, client.session.state.presentation.transfer_function
+        client.say("edit", op="load", text=tf.per("pyvista").to_json())
+        assert client.session.state.presentation.transfer_function == tf.per("pyvista").for_volume(volume)
+        for name in ("iso", "reset"):
+            client.say("view", name=name)
+        client.say("edit", op="choose", name="viridis")
+        assert not client.errors
+        assert_still(client)
+
+
+def test_shadows_without_lighting_are_those_of_the_lamp():
+    with Client(source(lighting=False, shadows=True)) as client:
+        scene = client.session.state.presentation
+        (upper_left, _), color = studio(scene.camera).lights, (0.95, 0.95, 0.95)
+        assert scene.lights() == (None, wvr.ConvolutionShadows(light=upper_left))
+        before = assert_still(client)
+        client.say("light", lamp=[40.0, -10.0])
+        lamp = wvr.DirectionalLight(towards((40.0, -10.0), scene.camera), color)
+        assert client.session.state.presentation.lights() == (None, wvr.ConvolutionShadows(light=lamp))
+        assert not np.array_equal(assert_still(client).pixels, before.pixels)
+        client.say("light", shadows=False)
+        assert client.session.state.presentation.lights() == (None, None)
+
+
 def test_light_follows_the_camera_until_it_is_placed():
     with Client(source(lighting=True)) as client:
         client.say("key_down", key="ArrowLeft", modifiers=[])
@@ -258,6 +288,33 @@ def test_picking_finds_a_wall():
             client.say("clip", kind="plane", set={"on": False})
             client.say("focus", x=20.5, y=20.5)
             assert client.session.state.presentation.camera.target == pytest.approx((9.6, 9.5, 9.5), abs=0.6)
+
+
+@pytest.mark.parametrize("absent", [-np.inf, np.inf, np.nan])
+def test_nothing_is_picked_beside_samples_that_are_not_finite(absent):
+    """They are nothing, also where the transfer function shows all scalars beyond its ends."""
+    samples = np.zeros((20, 20, 20), np.float32)
+    samples[:, :, :10] = absent
+    tf = wvr.TransferFunction([(0, "red", 0.5), (100, "red", 0.5)])
+    view = Source([wvr.Volume(samples, nan="transparent")], Call(tf, wvr.Camera((-50, 9.5, 9.5), (9.5, 9.5, 9.5))))
+    with Client(view, size=(41, 41)) as client:
+        client.say("pointer_move", x=20.5, y=20.5, button=0)
+        picked = client.last("picked")
+        assert picked["value"] == 0 and picked["position"][0] > 10
+        client.session.greet()
+        client.final()
+        assert all(dumps(message) for message in client.messages) and not client.errors
+
+
+def test_a_bound_that_is_infinite_is_none_in_a_message():
+    """Of a maximum where rounding decides whether rays meet the volume."""
+    samples = np.random.default_rng(1).integers(0, 120, (9, 11, 13)).astype(np.uint8)
+    camera = wvr.Camera((6, 5, 50), (6, 5, 4), up=(0, 1, 0), parallel_scale=5.5)
+    method = wvr.Projection("max")
+    call = Call([(0, "black", 0.0), (255, "white", 1.0)], camera, integrator=method)
+    with Client(Source([samples], call, {"integrator": method}), size=(13, 11)) as client:
+        assert client.final().image.max_error == np.inf and client.last("picture")["bound"] is None
+        assert all(dumps(message) for message in client.messages)
 
 
 def test_frames_are_volumes():
@@ -338,6 +395,57 @@ def test_the_script_renders_the_picture(options, tmp_path, monkeypatch):
         assert np.array_equal(
             eval(client.last("text")["text"]).position, client.session.state.presentation.camera.position
         )
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        wvr.AdaptivePreintegrated(1e-2),
+        wvr.AdaptiveSimpson(1e-2),
+        wvr.Certified(1e-2),
+        wvr.Exact(),
+        wvr.Isosurface((100.0, 120.0)),
+        wvr.Preintegrated(),
+        wvr.Projection("mean"),
+        wvr.Riemann(2.0),
+        wvr.Simpson(2.0),
+    ],
+    ids=repr,
+)
+def test_the_script_knows_all_integrators(method, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with Client(source(integrator=method), size=(16, 12)) as client:
+        picture = client.final()
+        client.say("script")
+        names = {"volume": client.session.source.first_volume}
+        exec(client.last("text")["text"], names)
+        assert np.array_equal(names["image"].rgba, picture.image.rgba)
+
+
+def test_every_integrator_is_among_the_names_of_scripts():
+    kinds = {
+        name for name in wvr.__all__ if isinstance(kind := getattr(wvr, name), type) and issubclass(kind, Integrator)
+    }
+    assert len(kinds) == 9 and kinds <= set(NAMES)
+
+
+@pytest.mark.parametrize("background", ["white", [0, 0.5, 1], np.array([0.1, 0.2, 0.3], np.float32)], ids=repr)
+def test_the_script_has_the_background(background, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with Client(source(background=background), size=(16, 12)) as client:
+        picture = client.final()
+        client.say("script")
+        names = {"volume": client.session.source.first_volume}
+        exec(client.last("text")["text"], names)
+        assert np.array_equal(names["image"].to_uint8(), picture.pixels)
+
+
+@pytest.mark.parametrize("background", [None, "transparent"])
+def test_there_is_something_behind_on_a_screen(background):
+    """Else pictures would be drawn over older ones, which would be seen through them."""
+    with Client(source(background=background), size=(16, 12)) as client:
+        picture = assert_still(client)
+        assert picture.pixels.shape == (12, 16, 3) and np.array_equal(picture.pixels, picture.image.to_uint8("black"))
 
 
 def test_a_lost_state_comes_back():

@@ -69,5 +69,5 @@ def state_json(state: State, history: History[Any]) -> Json:
 
 
 def dumps(message: Json) -> str:
-    """As text, numbers exactly; NaN, which JSON has not, does not occur."""
+    """As text, numbers exactly; those that are not finite, which JSON has not, do not occur."""
     return json.dumps(message, allow_nan=False, separators=(",", ":"))

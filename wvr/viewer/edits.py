@@ -34,7 +34,7 @@ def edited(tf: TransferFunction, message: dict[str, Any], source: Source) -> Tra
     if op == "density":
         return points.rescaled(tf, float(message["factor"]))
     if op == "load":
-        return TransferFunction.from_json(message["text"])
+        return TransferFunction.from_json(message["text"]).for_volume(source.first_volume)
     name = message["name"]
     if not isinstance(name, str) or name.lower().endswith(".json"):  # no file of the server's
         raise ValueError(f"name must be a suggestion, a preset or a colour map, got {name!r}")

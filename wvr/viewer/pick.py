@@ -62,6 +62,8 @@ def pick(volume: Any, presentation: Presentation, x: float, y: float) -> Picked 
     points = origin + t[:, None] * direction
     values = trilinear(volume.host(), start + t[:, None] * way)
     depth = tf.for_volume(volume).extinction(values, volume.smallest_spacing) * length
+    # Of nan="transparent": beside an infinite sample there is nothing to see, as beside NaN.
+    depth = np.where(np.isfinite(values), depth, 0.0)
     for clip in presentation.clips:
         depth = np.where(clip.keeps(points), depth, 0.0)
     opacity = -np.expm1(-np.cumsum(depth))

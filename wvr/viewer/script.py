@@ -13,8 +13,9 @@ from .state import Presentation, Source
 
 WRITTEN = (ClipPlane, ClipBox, ClipSphere)
 NAMES = (
-    "Camera", "Certified", "ClipBox", "ClipPlane", "ClipSphere", "ConvolutionShadows", "DirectionalLight", "Headlight",
-    "Lighting", "TransferFunction",
+    "AdaptivePreintegrated", "AdaptiveSimpson", "Camera", "Certified", "ClipBox", "ClipPlane", "ClipSphere",
+    "ConvolutionShadows", "DirectionalLight", "Exact", "Headlight", "Isosurface", "Lighting", "Preintegrated",
+    "Projection", "Riemann", "Simpson", "TransferFunction",
 )  # fmt: skip
 
 
@@ -29,7 +30,8 @@ def script(source: Source, presentation: Presentation, tolerance: float | None) 
     arguments |= {name: repr(value) for name, value in options.items() if value is not None}
     arguments["lighting"] = repr(lighting or False)
     arguments["shadows"] = repr(shadows or False)
-    arguments["background"] = repr(source.background)
+    behind = source.background
+    arguments["background"] = repr(behind if isinstance(behind, str) else tuple(np.asarray(behind, float).tolist()))
     said = []
     written = [clip for clip in presentation.clips if isinstance(clip, WRITTEN)]
     others = len(presentation.clips) - len(written)

@@ -224,6 +224,10 @@ async def _send(connection: ServerConnection, outbox: Outbox) -> None:
             await connection.send(await outbox.take())
     except ConnectionClosed:
         pass
+    except Exception:
+        # Open, it would look as if nothing happened any more; closed, the page says so and comes back.
+        await connection.close(1011, "a message could not be sent")
+        raise
 
 
 def _parsed(text: str | bytes) -> dict[str, Any] | None:

@@ -106,14 +106,14 @@ class Session:
             self._send({"type": "error", "message": text, "number": number}, None)
             return
         image, presentation = picture.image, picture.state.presentation
-        bounded = image.error_bound is not None
+        bound = image.max_error
         header = {
             "type": "picture",
             "number": number,
             "status": picture.status,
             "whole": picture.whole,
             "met": picture.met,
-            "bound": image.max_error if bounded else None,
+            "bound": bound if np.isfinite(bound) else None,
             "pixels": image.size,
             "size": presentation.size,
             "camera": camera_json(presentation.camera),

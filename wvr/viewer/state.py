@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from ..cached import cached_property
 from ..camera import Camera
+from ..color import is_clear
 from ..cuts.base import Clip, clip_list
-from ..defaults import Call, lighting_of, shadows_of
+from ..defaults import Call, lighting_of, shadows_of, studio
 from ..integrators import Projection
 from ..launch import get_device
 from ..light.lighting import Lighting
@@ -68,11 +69,13 @@ class Presentation:
     def lights(self) -> tuple[Lighting | None, ConvolutionShadows | None]:
         """Lighting and shadows for the camera as it is."""
         lighting = lighting_of(self.lighting, False, self.camera)
-        if lighting is not None and self.lamp is not None and lighting.lights:
-            first, *others = lighting.lights
+        # Where nothing is lit, light casts shadows all the same, and that is moved.
+        shining = studio(self.camera) if lighting is None else lighting
+        if self.lamp is not None and shining.lights:
+            first, *others = shining.lights
             lamp = DirectionalLight(towards(self.lamp, self.camera), first.color)
-            lighting = replace(lighting, light=(lamp, *others))
-        return lighting, shadows_of(self.shadows, lighting, self.camera)
+            shining = replace(shining, light=(lamp, *others))
+        return None if lighting is None else shining, shadows_of(self.shadows, shining, self.camera)
 
 
 @dataclass(frozen=True)
@@ -138,7 +141,7 @@ class Source:
         get_device(self.options.get("device"))
         look = self.call.look(self.first_volume, (512, 512))
         self.segmentation = look.segmentation
-        self.background = BACKGROUND if look.background is None else look.background
+        self.background = BACKGROUND if is_clear(look.background) else look.background
         given = self.call.lighting
         lighting = given if given is not None else look.lighting is not None
         shadows = self.call.shadows
