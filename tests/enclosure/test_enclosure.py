@@ -127,6 +127,22 @@ def test_labels_meet_half_way():
     assert_encloses(found, 1 - 0.5 ** (4 / 7))
 
 
+def test_samples_that_were_copied_are_those_that_are_there_now():
+    """Of the volume, labels and a clip: they were enclosed as they had been."""
+    samples, labels, kept = np.ones((4, 4, 8)), np.ones((4, 4, 8), np.int64), np.ones((4, 4, 8))
+    volume, inside = wvr.Volume(samples[::-1]), wvr.Volume(kept[::-1])
+    tf = wvr.TransferFunction([(0, "white", 0.5), (1, "white", 0.5), (1, "white", 0.75), (2, "white", 0.75)])
+    options = {"clip": wvr.ClipVolume(inside), "segmentation": wvr.Segmentation(labels, {1: tf})}
+    camera = along(0, center=volume.corners.mean(0))
+    assert_encloses(enclosed(volume, None, camera, (1, 1), **options), 1 - 0.25**7)
+    samples[:] = 0.5
+    assert_encloses(enclosed(volume, None, camera, (1, 1), **options), 1 - 0.5**7)
+    labels[:, :, 5:] = 2
+    assert_encloses(enclosed(volume, None, camera, (1, 1), **options), 1 - 0.5**4.5)
+    kept[:, :, :2] = 0
+    assert_encloses(enclosed(volume, None, camera, (1, 1), **options), 1 - 0.5**3)
+
+
 def test_cells_that_touch_nan_are_absent():
     samples = np.ones((3, 3, 9))
     samples[0, 0, 4] = np.nan

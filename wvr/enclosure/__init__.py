@@ -135,14 +135,16 @@ def prepare(
         raise TypeError(f"volume must be a Volume, got {type(volume).__name__}")
     if segmentation is None and not isinstance(transfer_function, TransferFunction):
         raise TypeError(f"transfer_function must be a TransferFunction, got {type(transfer_function).__name__}")
-    if segmentation is not None:
-        if not isinstance(segmentation, Segmentation):
-            raise TypeError(f"segmentation must be a Segmentation or None, got {type(segmentation).__name__}")
-        if segmentation.labels.shape != volume.shape:
-            raise ValueError(
-                f"segmentation must have labels of the volume's shape {volume.shape}, got {segmentation.labels.shape}"
-            )
+    if segmentation is not None and not isinstance(segmentation, Segmentation):
+        raise TypeError(f"segmentation must be a Segmentation or None, got {type(segmentation).__name__}")
     clips = clip_list(clip)
     check(clips)
+    # Samples that had to be copied may have been written since.
+    labels = None if segmentation is None else segmentation.labels
+    for one in (volume, labels, *(getattr(clip, "volume", None) for clip in clips)):
+        if one is not None:
+            one.look()
+    if labels is not None and labels.shape != volume.shape:
+        raise ValueError(f"segmentation must have labels of the volume's shape {volume.shape}, got {labels.shape}")
     tf = None if transfer_function is None else transfer_function.for_volume(volume)
     return Scene(volume, tf, clips, None if segmentation is None else segmentation.for_volume(volume))
