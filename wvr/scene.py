@@ -246,7 +246,7 @@ class Scene:
             for tf in self.functions
         )
         if self.segmentation is not None:
-            states = States(self.segmentation, self.segmentation.labels.part())
+            states = States.of(self.segmentation)
             return LabelKinds(self.volume, self.ranges(), states, functions, shift, bool(self.skip_empty))
         cells, strides = (False, False) if sweeps else (self.integrator.cells, self.integrator.strides(self))
         return Kinds(self.volume, self.ranges(), functions[0], shift, cells, strides)

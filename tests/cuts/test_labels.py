@@ -280,6 +280,23 @@ def test_only_what_depends_on_a_change_is_rebuilt(blobs, device):
     assert np.array_equal(plain.rgba, again.rgba)
 
 
+def test_labels_are_mapped_once_whatever_a_frame_makes_of_transfer_functions(blobs):
+    """Those of PyVista's unit distance are made anew in each frame, and labels were mapped with them."""
+    labels = layers(blobs.shape, np.array([1.0, 0, 0]), 15.5)
+    tf = wvr.TransferFunction.from_colormap("viridis", (0, 255), "linear", "pyvista")
+    camera = wvr.Camera.fit(blobs)
+    renderer = wvr.Renderer(blobs, None, segmentation=wvr.Segmentation(labels, {1: tf}))
+    first, second = (renderer.render(camera, (16, 16)).rgba for _ in range(2))
+    assert renderer.builds["labels"] == renderer.builds["kinds"] == 1 and np.array_equal(first, second)
+    labels[:] = 3 - labels
+    after = renderer.render(camera, (16, 16)).rgba
+    fresh = wvr.render(blobs, None, camera, (16, 16), segmentation=wvr.Segmentation(labels, {1: tf})).rgba
+    assert renderer.builds["labels"] == 2 and np.array_equal(after, fresh) and not np.array_equal(after, first)
+    # Another label in the same colours: the table is another, of the same labels.
+    renderer.segmentation = wvr.Segmentation(renderer.segmentation.labels, {2: tf})
+    assert np.array_equal(renderer.render(camera, (16, 16)).rgba, first) and renderer.builds["labels"] == 3
+
+
 LABELS = np.zeros((32, 32, 32), np.uint8)
 
 
@@ -346,6 +363,14 @@ def test_labels_alone_have_colours_of_their_own(blobs):
     assert np.array_equal(image.rgba, expected.rgba) and image.rgba.any()
     with pytest.raises(ValueError, match="labels must have one besides 0"):
         wvr.render(blobs, SMOOTH, camera, (16, 16), segmentation=LABELS)
+
+
+def test_labels_that_are_coloured_are_lit_as_their_transfer_function_says():
+    """Its coefficients of light were lost."""
+    arrays = {"ambient": [0.1, 0.2], "diffuse": [0.3, 0.4], "specular": [0.5, 0.6]}
+    tf = wvr.TransferFunction.from_arrays([0, 255], np.ones((2, 3)), [0, 0.5], **arrays)
+    for one in wvr.Segmentation.colored(LABELS + np.arange(32) % 3, tf).transfer_functions.values():
+        assert all(np.array_equal(one.materials()[name], values) for name, values in arrays.items())
 
 
 def test_what_is_written_into_labels_of_any_dtype_is_seen(blobs):

@@ -116,7 +116,11 @@ class Segmentation(Fixed):
         knots, opacities = transfer_function.knots, transfer_function.opacities
         functions = {
             value: TransferFunction.from_arrays(
-                knots, np.tile(linear_rgb(color), (len(knots), 1)), opacities, transfer_function.unit_distance
+                knots,
+                np.tile(linear_rgb(color), (len(knots), 1)),
+                opacities,
+                transfer_function.unit_distance,
+                **transfer_function.materials(),
             )
             for value, color in zip(values, label_colors(len(values)), strict=True)
         }
@@ -203,14 +207,24 @@ def _unsigned(labels: NDArray) -> NDArray:
 
 @dataclass(frozen=True)
 class States(Part):
-    """The state of each sample, on the device."""
+    """The state of each sample, on the device; ``of_label`` are the bytes of ``Stated.of_label``.
 
-    segmentation: Segmentation
+    Not of a segmentation: each frame may make another of the same labels (``for_volume``, ``scaled``).
+    """
+
     labels: Data
+    of_label: bytes
+    dtype: str
     name: ClassVar[str] = "labels"
 
+    @classmethod
+    def of(cls, segmentation: Segmentation) -> States:
+        of_label = segmentation.states.of_label
+        return cls(segmentation.labels.part(), of_label.tobytes(), of_label.dtype.name)
+
     def build(self, keep: Keeper) -> wp.array:
-        return Volume(self.segmentation.states.of_label[self.labels.volume.host()]).on(keep.device)
+        of_label = np.frombuffer(self.of_label, self.dtype)
+        return Volume(of_label[self.labels.volume.host()]).on(keep.device)
 
 
 @dataclass(frozen=True)
@@ -252,7 +266,7 @@ def label_struct(
 ) -> Any:
     """The struct of labels for kernels of these ``halves``, with the transfer functions and tables of the states."""
     struct = make_labels(halves.cuts.labels, halves.real)()
-    struct.states = samples_struct(keep(States(segmentation, segmentation.labels.part())))
+    struct.states = samples_struct(keep(States.of(segmentation)))
     # Where nothing is known of blocks, cells are looked at.
     struct.blocks = wp.full(seen.kinds.shape, int(MIXED), int, keep.device) if seen.held is None else seen.held
     struct.transfers = wp.array(transfers, dtype=make_transfer(halves.real)[0], device=keep.device)
