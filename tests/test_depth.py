@@ -149,6 +149,18 @@ def test_naive_clips_are_cut_exactly():
     assert np.abs(image.depth(1e-9) - (40 - 1.234)).max() < 1e-7
 
 
+def test_an_image_that_ended_early_says_what_is_behind():
+    """Three surfaces, two of which its rays pass: depths ended where the image had."""
+    k = np.indices((12, 12, 12))[0]
+    volume = centered(k.astype(np.float64))
+    camera = wvr.Camera((0, 0, 40), (0, 0, 0), up=(0, 1, 0), parallel_scale=4)
+    tf = wvr.TransferFunction([(0, "white", 0.3), (11, "white", 0.3)])
+    options = {"integrator": wvr.Isosurface([2.5, 5.5, 8.5]), "lighting": None}
+    image = wvr.render(volume, tf, camera, (3, 3), termination=0.5, **options)
+    assert np.abs(image.rgba[..., 3] - (1 - 0.7**2)).max() < 1e-6
+    assert np.abs(image.depth(0.6) - (40 + 3)).max() < 1e-7 and image.pick(1, 1, 0.6).value == 2.5
+
+
 def test_pick():
     """Where it is and what is there: of a ramp, whose value says where."""
     k, j, i = np.indices((10, 11, 12))

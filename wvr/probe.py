@@ -80,7 +80,8 @@ def make_prober(frame: Any, again: Callable[[Scene, Keeper, tuple[int, int] | No
         if any(not hasattr(scene.volume.half, name) for name in integrator.asks):
             kind = type(scene.volume).__name__
             raise ValueError(f"depth needs a volume that says what it is inside a cell, which a {kind} does not")
-        sought = replace(given, integrator=integrator, lighting=None, shadows=None, clips=clips)
+        # Where the image ended is no end here: an opacity may be asked for that is reached behind it.
+        sought = replace(given, integrator=integrator, lighting=None, shadows=None, termination=None, clips=clips)
         sought.check(camera)
         with keep.lock.held(), keep.frame():
             values, depths, rgba = again(sought, keep, pixel)
