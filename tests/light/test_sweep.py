@@ -534,6 +534,8 @@ def test_bad_input_of_render(blobs, smooth_tf):
     camera = wvr.Camera.fit(blobs)
     with pytest.raises(TypeError, match=r"shadows must be a ConvolutionShadows, True, False or None, got 1\.0"):
         wvr.render(blobs, smooth_tf, camera, shadows=1.0)
+    with pytest.raises(ValueError, match=r"clip must be without parts for .* image=.slices., .* got parts='power'"):
+        shaded(blobs, smooth_tf, camera, image="slices", render={"clip": wvr.ClipVolume(blobs, 100, parts="power")})
     behind = wvr.DirectionalLight(np.subtract(camera.target, camera.position))
     with pytest.raises(ValueError, match=r"need light from the side of the viewer, got .* 180 degrees from the view"):
         shaded(blobs, smooth_tf, camera, light=behind, mode="view-aligned")

@@ -162,6 +162,12 @@ class ConvolutionShadows:
                 f"shadows must be None for {scene.integrator!r}: they are on what emits along a ray, of which it "
                 f"looks for one value"
             )
+        parts = [clip.parts for clip in scene.clips if clip.parts is not None]
+        if self.alone and parts:
+            raise ValueError(
+                f'clip must be without parts for shadows with image="slices", whose slices are cut point by point, got '
+                f'parts={parts[0]!r}: leave them out, or give image="rays"'
+            )
         if scene.volume.longest / self.cell_width > MOST_CELLS:
             raise ValueError(
                 f"shadows must have cells of at least {scene.volume.longest / MOST_CELLS:.3g} voxel spacings in this "
