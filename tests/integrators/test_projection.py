@@ -14,7 +14,7 @@ from wvr.keep import Keeper
 from wvr.kernels.field.climb import LEVELS
 from wvr.launch import get_device
 
-from ..extending.marschner_lobb import MarschnerLobb
+from ..extending.marschner_lobb import Half, MarschnerLobb
 from ..helpers import centered
 from ..scenes import volumes
 from .probes import project, scene_of
@@ -328,6 +328,18 @@ def test_one_line():
     assert set(np.unique(mapped.rgba[..., 3])) == {0.0, 1.0}
 
 
+class Cells(MarschnerLobb):
+    """Which says what it is inside a cell."""
+
+    @property
+    def half(self):
+        return InCells()
+
+
+class InCells(Half):
+    cubic = seek = climb = Half.value
+
+
 def test_what_it_cannot_do():
     volume = wvr.datasets.load("blobs", 16)
     with pytest.raises(
@@ -349,6 +361,12 @@ def test_what_it_cannot_do():
             wvr.render(huge, wide, wvr.Camera.fit(huge), (8, 8), integrator=integrator)
     with pytest.raises(ValueError, match="only samples the volume"):
         wvr.render(MarschnerLobb(), GREY, wvr.Camera.fit(MarschnerLobb()), integrator=wvr.Projection())
+    with pytest.raises(ValueError, match=r"a MarschnerLobb does not say what it is inside a cell \(cubic\)"):
+        wvr.render(MarschnerLobb(), GREY, wvr.Camera.fit(MarschnerLobb()), integrator=wvr.Projection("sum"))
+    # That says it, but not which ranges its blocks have.
+    for integrator in (*map(wvr.Projection, WHAT), wvr.Isosurface(0.5)):
+        with pytest.raises(ValueError, match=r"only samples the volume, .* a Cells does not say .* \(blocks\)"):
+            wvr.render(Cells(), GREY, wvr.Camera.fit(Cells()), (4, 4), integrator=integrator)
     image = image_of(volume, "mean", wvr.Camera.fit(volume), (8, 8))
     with pytest.raises(ValueError, match="somewhere on a ray"):
         image.depth()

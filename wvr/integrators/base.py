@@ -41,7 +41,8 @@ class Integrator(ABC):
     segments: ClassVar[bool] = False
     #: Whether a ray may be integrated brick by brick, each brick composed by ``over`` with those behind it.
     splits: ClassVar[bool] = False
-    #: What it asks of a field's device half besides ``value`` and ``differences``: "cubic", "centered", "extent".
+    #: What it asks of a field's device half besides ``value`` and ``differences``: "cubic", "centered", "extent",
+    #: "seek", "climb".
     asks: ClassVar[tuple[str, ...]] = ()
     #: Whether it looks for values and places along rays (``kernels.probe``), and does not march them.
     probes: ClassVar[bool] = False

@@ -15,7 +15,7 @@ from ..kernels.integrators.isosurface import ASTRAY, NEAR, Half
 from ..transfer_function import MAX_OPACITY, TransferFunction
 from ..validation import any_array, define, finite_array, share
 from .base import Integrator
-from .projection import check_sizes, rounding
+from .projection import check_field, rounding
 
 if TYPE_CHECKING:
     from ..field.base import Field
@@ -122,7 +122,7 @@ class Isosurface(Integrator):
         }
 
     def check(self, scene: Scene) -> None:
-        check_sizes(scene)
+        check_field(scene)
 
     def misses(self, low: float, high: float) -> str:
         if any(low <= level <= high for level in self._levels):

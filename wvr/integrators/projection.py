@@ -66,7 +66,6 @@ class Projection(Integrator):
     probes: ClassVar[bool] = True
     valued: ClassVar[bool] = True
     surfaces: ClassVar[bool] = False
-    asks: ClassVar[tuple[str, ...]] = ("cubic", "seek")
 
     def __post_init__(self) -> None:
         if isinstance(self.what, str) and self.what in WORDS:
@@ -84,6 +83,10 @@ class Projection(Integrator):
     @property
     def seeks(self) -> int:  # type: ignore[override]
         return {"max": 1, "min": -1}.get(self.what, 0)
+
+    @property
+    def asks(self) -> tuple[str, ...]:  # type: ignore[override]
+        return ("cubic", "seek", "climb") if self.seeks else ("cubic",)
 
     def half(self, scene: Scene) -> Any:
         return extremes.Half(self.seeks) if self.seeks else totals.Half()
@@ -145,7 +148,7 @@ class Projection(Integrator):
         return self
 
     def check(self, scene: Scene) -> None:
-        check_sizes(scene)
+        check_field(scene)
         if not self.seeks and scene.transfer_function is None:
             raise ValueError(
                 f"transfer_function must be given besides a segmentation for Projection({self.what!r}): a {self.what} "
@@ -156,8 +159,14 @@ class Projection(Integrator):
         return {"bound_covers": "values: rounding"}
 
 
-def check_sizes(scene: Scene) -> None:
-    """Refuse samples of which cubics or sums along rays would overflow."""
+def check_field(scene: Scene) -> None:
+    """Refuse fields without ranges of blocks, and samples of which cubics or sums along rays would overflow."""
+    # One in a store is rendered in bricks, which have them.
+    if scene.volume.blocks() is None and not scene.volume.stored:
+        raise ValueError(
+            f"integrator must be one that only samples the volume, such as Riemann or Simpson, got "
+            f"{scene.integrator!r}: a {type(scene.volume).__name__} does not say what ranges its blocks have (blocks)"
+        )
     low, high = scene.volume.range if scene.volume.shifts else (0.0, 0.0)
     if max(abs(low), abs(high)) > LARGEST:
         raise ValueError(
