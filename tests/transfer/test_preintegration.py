@@ -268,6 +268,12 @@ def test_running_integrals(tf):
         phi = 1 - A / x + A / x * np.log(A / x) if x > 1e-4 else x * x / 8
         assert np.all(np.abs(values[k, :3] - expected[:3]) <= np.ptp(tf.colors, axis=0) * phi + 1e-9)
         assert grays[k, 0] == pytest.approx(0.6 * A, abs=1e-9)
+    # Opacities of such were negative, or NaN.
+    for wrong in (-1, np.nan, [1, -1e-9], np.inf):
+        with pytest.raises(ValueError, match="length must be finite and >= 0"):
+            line.lookup(10, 200, wrong)
+    with pytest.raises(ValueError, match="front and back must be scalars, got NaN"):
+        line.lookup(np.nan, 200)
 
 
 def test_lookup_is_bilinear_and_clamps():

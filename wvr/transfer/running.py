@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..kernels.precision import name_of, vec4_of
 from ..kernels.transfer.preintegration import make_pieces
 from ..transfer_function import TransferFunction
+from ..validation import float_array
 from .nodes import nodes_array
 
 
@@ -52,14 +53,19 @@ class RunningIntegrals:
         Parameters
         ----------
         front, back, length
-            Broadcast together; scalars outside the domain are clamped to it.
+            Broadcast together; scalars outside the domain are clamped to it, lengths are finite and >= 0.
 
         Returns
         -------
         float64, shape (..., 4)
         """
         first, last = self.scalars[[0, -1]]
-        a, b, length = np.broadcast_arrays(np.clip(front, first, last), np.clip(back, first, last), length)
+        u, v, given = float_array(front, "front"), float_array(back, "back"), float_array(length, "length")
+        if np.isnan(u).any() or np.isnan(v).any():
+            raise ValueError("front and back must be scalars, got NaN")
+        if not np.all((given >= 0) & (given < np.inf)):
+            raise ValueError(f"length must be finite and >= 0, got {length!r}")
+        a, b, length = np.broadcast_arrays(np.clip(u, first, last), np.clip(v, first, last), given)
         a, b = np.minimum(a, b), np.maximum(a, b)
         ka, kb = (np.clip(np.searchsorted(self.scalars, s, "right") - 1, 0, len(self.scalars) - 2) for s in (a, b))
         # Both ends between the same two scalars: the local polynomial. Else two partial pieces and a difference.
