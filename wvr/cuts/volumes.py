@@ -79,7 +79,7 @@ class ClipVolume(Clip):
         self._check_finite()
         self.check_flags()
         iso = real(self.iso, "iso")
-        if isinstance(self.iso, bool) or not np.isfinite(iso):
+        if not np.isfinite(iso):
             raise ValueError(f"iso must be a finite number, got {self.iso!r}")
         define(self, iso=iso)
         choice(self.parts, "parts", (None, *PARTS))
