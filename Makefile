@@ -15,10 +15,11 @@ demo-cluster: .venv/ready
 
 PYTEST := $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-# Of studies and benchmarks, each run in small, the fuzzer, the examples of docs/extending.md, a cluster, a browser, what
-# GPUs run, and kernels that cannot be kept.
-MORE := tests/evidence tests/extending tests/fuzz tests/bricks/test_cluster.py tests/viewer/test_browser.py \
-  tests/integrators/test_lone.py tests/test_cuda.py tests/test_kernel_cache.py
+# Of studies and benchmarks, each run in small, the fuzzer, the examples of docs/extending.md, what GPUs run, and whatever
+# starts processes and ends them: a cluster, a browser, a notebook, Ctrl-C, full disks, kernels that cannot be kept.
+MORE := tests/evidence tests/extending tests/fuzz tests/integrators/test_lone.py tests/test_cuda.py \
+  tests/bricks/test_cluster.py tests/viewer/test_browser.py tests/viewer/test_widget.py tests/test_accessors.py \
+  tests/test_disasters.py tests/test_interrupt.py tests/test_kernel_cache.py tests/test_launch.py
 
 test: .venv/ready
 	$(PYTEST) $(addprefix --ignore=,$(MORE))
