@@ -375,6 +375,14 @@ def test_views_and_projections():
         assert len(client.errors) == 2 and "did you mean" not in client.errors[0]
 
 
+def run_script(client):
+    """All names once the script that is copied has run."""
+    client.say("script")
+    names = {"volume": client.session.source.first_volume}
+    exec(client.last("text")["text"], names)
+    return names
+
+
 @pytest.mark.parametrize("options", [{"lighting": True}, {"clip": wvr.ClipSphere((12, 12, 12), 9.0)}], ids=str)
 def test_the_script_renders_the_picture(options, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -385,10 +393,7 @@ def test_the_script_renders_the_picture(options, tmp_path, monkeypatch):
             client.say("clip", kind="box", set={"on": True})
         else:
             client.say("light", lamp=[10, 20], shadows=True)
-        picture = client.final()
-        client.say("script")
-        names = {"volume": client.session.source.first_volume}
-        exec(client.last("text")["text"], names)
+        picture, names = client.final(), run_script(client)
         assert np.array_equal(names["image"].rgba, picture.image.rgba)
         assert (tmp_path / "image.png").exists()
         client.say("camera")
@@ -415,10 +420,7 @@ def test_the_script_renders_the_picture(options, tmp_path, monkeypatch):
 def test_the_script_knows_all_integrators(method, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with Client(source(integrator=method), size=(16, 12)) as client:
-        picture = client.final()
-        client.say("script")
-        names = {"volume": client.session.source.first_volume}
-        exec(client.last("text")["text"], names)
+        picture, names = client.final(), run_script(client)
         assert np.array_equal(names["image"].rgba, picture.image.rgba)
 
 
@@ -433,10 +435,7 @@ def test_every_integrator_is_among_the_names_of_scripts():
 def test_the_script_has_the_background(background, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with Client(source(background=background), size=(16, 12)) as client:
-        picture = client.final()
-        client.say("script")
-        names = {"volume": client.session.source.first_volume}
-        exec(client.last("text")["text"], names)
+        picture, names = client.final(), run_script(client)
         assert np.array_equal(names["image"].to_uint8(), picture.pixels)
 
 
